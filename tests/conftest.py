@@ -65,6 +65,16 @@ LONGEST = (
 )
 
 
+def pytest_xdist_auto_num_workers() -> int | None:
+    """Three processes for two processors: a third of the time tests wait for servers and clocks."""
+    if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS"):
+        return None
+    processors = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    )
+    return (processors or 1) * 3 // 2
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest modules first; the tests of a module stay in their order."""
     place = {name: number for number, name in enumerate(LONGEST)}

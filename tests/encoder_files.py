@@ -4,12 +4,10 @@ The pair of real use: images by the bundled classifier's probabilities of ImageN
 texts by the classes that have one of their words in the name. Small ones of other interfaces.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -203,14 +201,7 @@ def colour_table(tokens: list[str], values: int = 3) -> np.ndarray:
     return table
 
 
-def write_colour_pair(
-    folder: Path,
-    *,
-    values: int = 3,
-    text_values: int | None = None,
-    words: Sequence[str] = (),
-    **how,
-) -> str:
+def write_colour_pair(folder, *, values=3, text_values=None, words=(), **how):
     """Write small image.onnx, text.onnx and tokenizer.json; the value of --encoder.
 
     `words` have tokens too. Keys of `how` that begin with text_ are for the text network.

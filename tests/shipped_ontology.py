@@ -1,7 +1,5 @@
 """The ontology of hereabouts, read once for all tests that only look at it."""
 
-from __future__ import annotations
-
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 

@@ -1,7 +1,5 @@
 """The page on the architecture is what docs/make_architecture.py draws of contracts and code."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

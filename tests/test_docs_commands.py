@@ -1,7 +1,5 @@
 """Commands, modules and files that the documentation names exist."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

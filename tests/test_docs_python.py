@@ -1,7 +1,5 @@
 """The examples of docs/how-to/python.md print what it shows."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

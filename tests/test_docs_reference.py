@@ -1,7 +1,5 @@
 """The generated reference pages are what docs/generate.py makes of the code."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

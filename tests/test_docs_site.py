@@ -1,7 +1,5 @@
 """The documentation as a website: no broken link, and nothing is loaded from elsewhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Extensions: another distribution adds a format, a detector, an exporter, a robot ..."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -71,9 +69,7 @@ def test_a_format_a_detector_and_an_exporter_of_another_distribution(
     assert f"{len(rows)} objects" in written.stderr
 
 
-def test_a_connection_and_a_robot_of_another_distribution(
-    installed: Path, recording: Path, tmp_path: Path
-) -> None:
+def test_a_connection_and_a_robot_of_another_distribution(installed, recording, tmp_path):
     pytest.importorskip("rosbags")
     bag, where = tmp_path / "room", tmp_path / "room.map"
     written = run(installed, "convert", recording, "-o", bag)
@@ -125,9 +121,7 @@ def test_without_the_distribution_its_names_are_unknown(recording: Path, tmp_pat
         ("json:dumps", "must be a Format, got function"),
     ],
 )
-def test_a_broken_extension_is_one_line_that_names_it(
-    recording: Path, tmp_path: Path, object_path: str, complaint: str
-) -> None:
+def test_a_broken_extension_is_one_line_that_names_it(recording, tmp_path, object_path, complaint):
     folder = tmp_path / "broken-0.1.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 0.1\n")

@@ -1,7 +1,5 @@
 """The wheel holds what it must, and its top-level names are ours."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -114,9 +112,7 @@ def test_the_lab_is_a_wheel_of_its_own_for_the_same_version(wheel: Path, tmp_pat
 
 
 @pytest.mark.parametrize("words", [["evaluate", "map"], ["simulate", "--help"]])
-def test_without_the_lab_its_commands_say_where_it_is(
-    wheel: Path, tmp_path: Path, words: list[str]
-) -> None:
+def test_without_the_lab_its_commands_say_where_it_is(wheel, tmp_path, words):
     with zipfile.ZipFile(wheel) as packed:
         packed.extractall(tmp_path)
     # without the site module, so that no editable install adds the folder of this repository

@@ -1,7 +1,5 @@
 """Systems without the calls of Linux: every module is imported, and a house is mapped and asked."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -90,9 +88,7 @@ def test_a_house_is_mapped_asked_edited_and_exported(tmp_path: Path) -> None:
     assert "chair" in told and (tmp_path / "a.map.ttl").stat().st_size > 1000
 
 
-def test_the_lock_of_windows_keeps_a_second_writer_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_lock_of_windows_keeps_a_second_writer_out(tmp_path, monkeypatch):
     files: set[int] = set()
 
     def locking(descriptor: int, how: int, size: int) -> None:

@@ -1,7 +1,5 @@
 """The public module: its names are exact, and cost nothing until they are used."""
 
-from __future__ import annotations
-
 import ast
 import doctest
 import importlib

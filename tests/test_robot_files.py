@@ -1,7 +1,5 @@
 """Files for a robot: launch files, options and layouts name what there is."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re
@@ -53,9 +51,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return made
 
 
-def test_the_launch_file_runs_live_by_options_that_there_are(
-    launch: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_launch_file_runs_live_by_options_that_there_are(launch, tmp_path, capsys):
     *declared, function = launch.generate_launch_description()
     given = {name: how["default_value"] for name, how in declared}
     (process,) = function({**given, "into": str(tmp_path / "a.map"), "source": "nowhere"})
@@ -99,9 +95,7 @@ def test_the_launch_file_of_ros_1_is_one() -> None:
     assert "exec hereabouts live ros1 --into /tmp/a.map --publish" in done.stdout
 
 
-def test_the_node_of_a_behaviour_tree_asks_as_the_command_answers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_node_of_a_behaviour_tree_asks_as_the_command_answers(tmp_path, capsys):
     text = (FOLDER / "where_to_look.cpp").read_text()
     (words,) = re.findall(r"start\(\{(.+?)\}\)", text, re.S)
     given = re.findall(r'"([^"]+)"', words)  # those between program, map and object

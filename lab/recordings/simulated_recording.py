@@ -172,11 +172,11 @@ def simulate_house(
 
     Raises RecordingError where a folder is not empty or cannot be written.
     """
-    house, options = random_house(seed), options or SimulationOptions()
     folders = [folder] if sessions == 1 else [folder / f"session-{k + 1}" for k in range(sessions)]
     for place in folders:
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             raise RecordingError(f"{place} is not empty; a new or an empty folder would work")
+    house, options = random_house(seed), options or SimulationOptions()
     written = list[SimulatedSession]()
     before: House | None = None
     for number, place in enumerate(folders):

@@ -1,7 +1,5 @@
 """`python -m benchmarks.day` goes on straight from the rows of a shorter run."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.day import DAY, HOUR, Row, whole_day

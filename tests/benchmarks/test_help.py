@@ -1,7 +1,5 @@
 """Every benchmark can be started, and tells how."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path
@@ -21,9 +19,7 @@ PROGRAMS = sorted(
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=str)
-def test_help_is_told_before_anything_else(
-    program: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_help_is_told_before_anything_else(program, monkeypatch, capsys):
     module = ".".join(program.with_suffix("").parts)
     monkeypatch.setattr(sys, "argv", [str(program), "--help"])
     with pytest.raises(SystemExit) as ended:

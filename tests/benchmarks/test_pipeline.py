@@ -1,7 +1,5 @@
 """The gate for the time of mapping: the default rules beside the thesis' own."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks import pipeline

@@ -1,9 +1,7 @@
 """The gate for object mappers: stretches, their truths, what fails, and the command."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -190,9 +188,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedCame
 
 
 @pytest.fixture
-def gate(
-    small: tuple[Path, SimulatedCamera], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., int]]:
+def gate(small, monkeypatch):
     """Callable: the command on the small recording, whose pair is two simulated detectors."""
     shared, camera = small
     monkeypatch.setenv("HEREABOUTS_SHARED", str(shared))
@@ -202,12 +198,7 @@ def gate(
     recordings.frames_of.cache_clear()
 
 
-def test_networks_look_once(
-    gate: Callable[..., int],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_networks_look_once(gate, tmp_path, monkeypatch, capsys):
     stretches = ("--stretches", "whole", "single")
     codes = [gate("--cache", tmp_path, *stretches)]
     first = capsys.readouterr().out
@@ -224,17 +215,13 @@ def test_networks_look_once(
     assert codes == [0 if "gate: passed" in first else 1] * 2
 
 
-def test_the_command_fails_where_the_reference_wins(
-    gate: Callable[..., int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_fails_where_the_reference_wins(gate, monkeypatch, capsys):
     monkeypatch.setitem(rooms_outcomes._MIN_SCORE, DEFAULT, 1.0)  # it sees nothing
     assert gate("--stretches", "whole") == 1
     assert "- gate: small, default: AP 0.000, the reference's is " in capsys.readouterr().out
 
 
-def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(monkeypatch):
     class Short(SimulatedTour):
         def frames(self, start: int = 0) -> Iterator[Frame]:
             return islice(super().frames(start), 4 * FRAMES)
@@ -251,9 +238,7 @@ def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(
     assert (scores(found[:1])["AP"] or 0) > 0.5
 
 
-def test_an_unknown_room_is_wrong_usage(
-    gate: Callable[..., int], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_room_is_wrong_usage(gate, capsys):
     with pytest.raises(SystemExit, match="2"):
         gate("--rooms", "cellar")
     assert "no 'cellar'; there are: small" in capsys.readouterr().err

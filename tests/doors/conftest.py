@@ -1,7 +1,5 @@
 """One furnished map at all its doors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -4,8 +4,6 @@ A test that is parametrised over `READING`, `UPDATING` or `ASSERTING` shows that
 every door, and not only at the one where somebody asked for it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """Causes of errors are named at each door that takes a query."""
 
-from __future__ import annotations
-
 import pytest
 import requests
 

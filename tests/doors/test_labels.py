@@ -1,7 +1,5 @@
 """Labels in several languages: as many rows at every door, in the language asked for."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 

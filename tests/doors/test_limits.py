@@ -1,7 +1,5 @@
 """A limit of what a map holds stands at every door by which it is written."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.model.errors import QueryRefusedError

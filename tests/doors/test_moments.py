@@ -1,7 +1,5 @@
 """Moments in words are understood at every door that reads the past."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

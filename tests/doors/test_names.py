@@ -1,7 +1,5 @@
 """A thing has the same names at every door, and what people write keeps the words they used."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 

@@ -1,7 +1,5 @@
 """Doors over HTTP: one check of Host, Origin and length, for the map and for the agents' tools."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,21 +71,13 @@ def asked(servers: tuple[str, str], headers: dict[str, str]) -> list[requests.Re
         ({"X-Long": "x" * 17_000}, 431),
     ],
 )
-def test_requests_of_web_pages_elsewhere_and_long_heads_are_refused(
-    servers: tuple[str, str], headers: dict[str, str], status: int
-) -> None:
+def test_requests_of_web_pages_elsewhere_and_long_heads_are_refused(servers, headers, status):
     assert [reply.status_code for reply in asked(servers, headers)] == [status] * 2
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o600])
 @pytest.mark.parametrize("door", ["server", "agents", "client", "publish"])
-def test_a_token_file_that_others_can_read_gets_a_line(
-    tmp_path: Path,
-    door: str,
-    mode: int,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_token_file_that_others_can_read_gets_a_line(tmp_path, door, mode, monkeypatch, caplog):
     file = tmp_path / "tokens.txt"
     nowhere = "http://127.0.0.1:9"
     file.write_text("ann a-token-of-the-tests-0123\n" if door in ("server", "agents") else "")

@@ -1,7 +1,5 @@
 """The same pattern has the same answer at every door."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.doors.doors import READING, House

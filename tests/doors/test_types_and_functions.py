@@ -1,7 +1,5 @@
 """Superclasses and extension functions give the same answer at every door and in every spelling."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.model import vocabulary as v

@@ -1,7 +1,5 @@
 """A small map that has been written to for a while."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small worlds in which every rule of the mapper can be worked out by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -21,13 +19,7 @@ LOOK_ALONG_X = np.array(
 def make_frame() -> Callable[..., Frame]:
     """Callable: depth image or constant depth [m] -> 65 x 49 frame, f = 50, looking along x."""
 
-    def make(
-        depth: object = 2.0,
-        *,
-        T: np.ndarray = LOOK_ALONG_X,
-        id: str = "frame-000000",
-        stamp: float = 1_000_000.0,
-    ) -> Frame:
+    def make(depth=2.0, *, T=LOOK_ALONG_X, id="frame-000000", stamp=1_000_000.0):
         image = np.broadcast_to(np.asarray(depth, dtype=np.float32), (49, 65)).copy()
         K = np.array([[50.0, 0.0, 32.0], [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]])
         rgb = np.full((49, 65, 3), 1, dtype=np.uint8)
@@ -70,14 +62,7 @@ def make_detections() -> Callable[..., Detections]:
 def make_object() -> Callable[..., ObjectRecord]:
     """Callable: number, category, position [m] -> ObjectRecord."""
 
-    def make(
-        number: int,
-        category: str,
-        p_map: Sequence[float],
-        *,
-        confidence: float = 1.0,
-        observations: int = 1,
-    ) -> ObjectRecord:
+    def make(number, category, p_map, *, confidence=1.0, observations=1):
         return ObjectRecord(
             iri=f"https://example.org/object/{number}",
             category=category,
@@ -95,9 +80,7 @@ def make_object() -> Callable[..., ObjectRecord]:
 class ListRecording:
     """A recording made of given frames; the ones in `broken` cannot be read."""
 
-    def __init__(
-        self, frames: Sequence[Frame], *, name: str = "room", broken: frozenset[int] = frozenset()
-    ) -> None:
+    def __init__(self, frames, *, name="room", broken=frozenset()):
         self.name = name
         self.T_map_world = np.eye(4)
         self.all = tuple(frames)

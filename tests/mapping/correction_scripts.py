@@ -16,8 +16,6 @@ and after it the map must be as told: objects as ``N CATEGORY X Y``, with ``!`` 
 are believed gone; the place's category; and what is in conflict.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

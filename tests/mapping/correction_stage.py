@@ -1,7 +1,5 @@
 """The stage on which a script of `correction_scripts` is played: people, a camera and networks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -107,12 +105,7 @@ def halves(steps: list[str]) -> tuple[list[str], list[str]]:
     return steps[: len(steps) // 2], steps[len(steps) // 2 :]
 
 
-def play(
-    semantic_map: SemanticMap,
-    steps: list[str],
-    frame: Callable[..., Frame],
-    people: SemanticMap | None = None,
-) -> None:
+def play(semantic_map, steps, frame, people=None):
     name = f"run {len(semantic_map.recordings())}"
     given = {"recording": name, "detector": name, "scene_model": name}
     with Mapper(semantic_map, MappingOptions(mode="reference", layout=ROOM), **given) as mapper:

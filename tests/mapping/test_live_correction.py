@@ -1,7 +1,5 @@
 """The map of a live camera follows the loops that its tracker closes."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -59,9 +57,7 @@ def detector(shared: Callable[[str], Path]) -> Counting:
 
 
 @pytest.fixture
-def mapped(
-    bag: Path, detector: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[], tuple[SemanticMap, LiveCorrection, KeptFrames, list[str]]]:
+def mapped(bag, detector, tmp_path, monkeypatch):
     """Callable that plays the bag without its poses; the map, its correction and the lines."""
     for name in ("SETTLING", "SILENT", "UNPOSED"):
         monkeypatch.setattr(stream, name, 0.0)

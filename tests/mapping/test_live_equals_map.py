@@ -1,7 +1,5 @@
 """A bag that is played live makes the map that `map` makes of the file, fact by fact."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path

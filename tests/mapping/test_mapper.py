@@ -1,7 +1,5 @@
 """The per-frame API: frames and sightings in, one transaction each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

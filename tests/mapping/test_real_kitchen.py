@@ -1,7 +1,5 @@
 """The mapper on a few real frames: recorded images, real networks, a map on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Frames of several cameras of one robot: what is kept of one camera is not that of another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,9 +1,7 @@
 """A second mapping of a home: side by side, and found again."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ from kg.serving.server import BearerTokens, MapServer, Settings
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.camera.poses import motion
-from perception.frames import Detections, Frame
+from perception.frames import Frame
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
 
@@ -24,9 +22,7 @@ TOKEN = "a-token-of-the-tests-0123"
 
 
 @pytest.fixture
-def server(
-    semantic_map: SemanticMap, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[[], SemanticMap]]:
+def server(semantic_map, monkeypatch):
     """Callable: `semantic_map` as a mapper far away has it."""
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
     settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)))
@@ -41,9 +37,7 @@ def frames(step_back: Callable[..., Frame]) -> list[Frame]:
 
 
 @pytest.fixture
-def detector(
-    scripted_detector: Callable[..., object], make_detections: Callable[..., Detections]
-) -> object:
+def detector(scripted_detector, make_detections):
     """Sees one cup in each frame."""
     return scripted_detector({}, make_detections(("cup", 0.9, (30, 22, 34, 26))))
 
@@ -54,13 +48,8 @@ def notes(semantic_map: SemanticMap) -> list[str]:
 
 @pytest.mark.parametrize("here", [True, False], ids=["beside the server", "afar"])
 def test_a_recording_that_two_map_at_once_is_mapped_by_one_of_them(
-    here: bool,
-    semantic_map: SemanticMap,
-    server: Callable[[], SemanticMap],
-    frames: list[Frame],
-    list_recording: Callable[..., object],
-    detector: object,
-) -> None:
+    here, semantic_map, server, frames, list_recording, detector
+):
     recording = list_recording(frames)
     with server() as one, server() as other:
         second = semantic_map if here else other
@@ -76,13 +65,7 @@ def test_a_recording_that_two_map_at_once_is_mapped_by_one_of_them(
     assert cup.observations == 6, "each sighting counts once"
 
 
-def test_recordings_are_mapped_side_by_side(
-    semantic_map: SemanticMap,
-    server: Callable[[], SemanticMap],
-    frames: list[Frame],
-    list_recording: Callable[..., object],
-    detector: object,
-) -> None:
+def test_recordings_are_mapped_side_by_side(semantic_map, server, frames, list_recording, detector):
     with server() as one, server() as other:
 
         def meanwhile(report: object) -> None:
@@ -97,13 +80,8 @@ def test_recordings_are_mapped_side_by_side(
 
 @pytest.mark.parametrize("here", [True, False], ids=["beside the server", "afar"])
 def test_a_mapper_continues_on_a_map_that_was_restored_meanwhile(
-    here: bool,
-    semantic_map: SemanticMap,
-    server: Callable[[], SemanticMap],
-    frames: list[Frame],
-    list_recording: Callable[..., object],
-    detector: object,
-) -> None:
+    here, semantic_map, server, frames, list_recording, detector
+):
     recording = list_recording(frames)
     with server() as far:
 

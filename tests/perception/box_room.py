@@ -1,7 +1,5 @@
 """An empty room with a pillar, seen by a depth camera: closed form, no noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from perception.frames import Frame
@@ -45,9 +43,7 @@ def papered_frame(T: np.ndarray, number: int, seed: int = 0) -> Frame:
     return Frame(f"frame-{number:06d}", rgb, depth, LARGE_K, T, 1e9 + number)
 
 
-def _seen(
-    T: np.ndarray, K: np.ndarray, size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _seen(T, K, size):
     """Depth (H, W) [m], the pixels of the pillar, and the points (H, W, 3) in the world."""
     v, u = np.mgrid[0 : size[0], 0 : size[1]]
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(size)], axis=2)

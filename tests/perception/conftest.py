@@ -1,9 +1,7 @@
 """Recordings and networks that tests write to disk."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -129,11 +127,7 @@ def _value_info(name: str, shape: Sequence[int | str], kind: int) -> bytes:
     return _bytes(1, name) + _bytes(2, _bytes(1, _number(1, kind) + _bytes(2, dims)))
 
 
-def _onnx(
-    inputs: Mapping[str, tuple[Sequence[int | str], int]],
-    outputs: Mapping[str, NDArray],
-    metadata: Mapping[str, str],
-) -> bytes:
+def _onnx(inputs, outputs, metadata):
     kinds = {"float32": 1, "int64": 7}
     graph = b""
     for name, value in outputs.items():
@@ -156,13 +150,7 @@ def _onnx(
 def write_network(tmp_path: Path) -> Callable[..., Path]:
     """Writes an ONNX network that answers the same `outputs` to every image."""
 
-    def write(
-        outputs: Mapping[str, NDArray],
-        *,
-        name: str = "written.onnx",
-        inputs: Mapping[str, tuple[Sequence[int | str], int]] | None = None,
-        metadata: Mapping[str, str] | None = None,
-    ) -> Path:
+    def write(outputs, *, name="written.onnx", inputs=None, metadata=None):
         path = tmp_path / name
         image = {"image": ((1, 3, 100, 100), 1)}
         path.write_bytes(_onnx(inputs or image, outputs, metadata or {}))

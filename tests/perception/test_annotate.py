@@ -1,7 +1,5 @@
 """Drawn detections, and masks."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

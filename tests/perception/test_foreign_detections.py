@@ -1,7 +1,5 @@
 """Detections of Supervision, Ultralytics and COCO's results, by their own interfaces."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Depths that mean no return: what programs write where nothing was measured, and walls."""
 
-from __future__ import annotations
-
 import json
 import logging
 

@@ -1,7 +1,5 @@
 """A flat of three rooms, for the tests of finding things."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +9,7 @@ from kg.model import vocabulary as v
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 
 
-def thing(
-    semantic_map: SemanticMap, label: str, x: float, y: float, place: int | None, seen: float = 0.0
-) -> ObjectRecord:
+def thing(semantic_map, label, x, y, place, seen=0.0):
     return ObjectRecord(
         iri=semantic_map.new_object_iri(),
         category=semantic_map.catalogue.find(label, "object").iri,

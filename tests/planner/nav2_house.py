@@ -5,8 +5,6 @@ DDS, whose services no other vendor calls; as foxglove_bridge does
 with include_hidden, it serves the action's hidden services, with the server of Foxglove's own SDK.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import uuid

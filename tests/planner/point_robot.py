@@ -4,8 +4,6 @@ As a program it speaks the line protocol on its stdin and stdout; its one argume
 of `PointRobot`'s settings.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """A small map to search, and robots to search it with, for the tests of the executive."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import sys

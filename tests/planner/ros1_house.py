@@ -1,7 +1,5 @@
 """A house behind a ROS 1 master, to be searched for an orange."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

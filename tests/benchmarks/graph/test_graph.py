@@ -1,7 +1,5 @@
 """`python -m benchmarks.graph` measures what it names, on answers that are right."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """`python -m benchmarks.growth` compares the cost of each column with its work."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks import growth

@@ -1,10 +1,7 @@
 """Searches on trial: the truth, the robot, the ways of searching, and the command."""
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -27,8 +24,6 @@ from kg.model.errors import InvalidFactError
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import visible_cells
 from planner.search.viewpoints.candidate_views import Motion, Sensor
-
-Shared = Callable[[str], Path]
 
 HOME = Home(
     "three rooms",
@@ -229,9 +224,7 @@ def test_what_is_no_home_is_refused_in_one_line(tmp_path: Path, text: str, messa
     assert "\n" not in str(caught.value)
 
 
-def test_the_command_searches_real_homes_and_repeats_itself(
-    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_searches_real_homes_and_repeats_itself(shared, tmp_path, capsys):
     home = shared("data/homes/00245-741Fdj7NLF9.json")
     (tmp_path / home.name).symlink_to(home)
     rooms = shared("data/homes/hm3d_room_object_counts.csv")
@@ -265,9 +258,7 @@ def test_plans_find_with_the_chance_they_predict_where_the_belief_is_the_truth()
     assert told.found[2] == pytest.approx(told.predicted[2], abs=0.2)
 
 
-def test_the_command_prints_what_plans_predict_and_what_came_true(
-    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_what_plans_predict_and_what_came_true(shared, tmp_path, capsys):
     home = shared("data/homes/00245-741Fdj7NLF9.json")
     (tmp_path / home.name).symlink_to(home)
     command = ["--homes", str(tmp_path), "--queries", "2", "--processes", "1", "--calibration"]
@@ -279,9 +270,7 @@ def test_the_command_prints_what_plans_predict_and_what_came_true(
     assert "predicted" in capsys.readouterr().out
 
 
-def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(
-    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(shared, tmp_path, capsys):
     home = shared("data/homes/00245-741Fdj7NLF9.json")
     (tmp_path / home.name).symlink_to(home)
     command = ["--homes", str(tmp_path), "--queries", "1", "--robustness"]
@@ -293,9 +282,7 @@ def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(
     assert nowhere["mean_seconds"] > told["ours"]["mean_seconds"]
 
 
-def test_wrong_usage_and_missing_homes_are_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_usage_and_missing_homes_are_told_in_one_line(tmp_path, capsys):
     assert main(["--homes", str(tmp_path)]) == 1
     assert "no homes in" in capsys.readouterr().err
     for wrong in (["--recall", "1.5"], ["--far", "0.5"], ["--far", "1e9"], ["--queries", "0"]):

@@ -1,7 +1,5 @@
 """What agents are told about arguments that are wrong, and names that are labels."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator
@@ -78,9 +76,7 @@ def answer(server: MCPServer[Any], tool: str, **arguments: object) -> dict[str, 
         ),
     ],
 )
-def test_a_wrong_argument_is_told_in_one_plain_line(
-    server: MCPServer[Any], tool: str, arguments: dict[str, object], line: str
-) -> None:
+def test_a_wrong_argument_is_told_in_one_plain_line(server, tool, arguments, line):
     told = answer(server, tool, **arguments)
     assert told["error"] == "ArgumentError"
     assert told["untrusted_message"].startswith(line)

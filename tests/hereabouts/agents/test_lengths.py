@@ -1,7 +1,5 @@
 """The length of what agents read: the list of tools, every answer, pages, errors."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator
@@ -119,9 +117,7 @@ def test_every_answer_is_short_and_without_empty_fields(server: MCPServer[Any]) 
         ("what_changed", {"since": "#0", "limit": 100}, "things", OBJECTS + PLACES),
     ],
 )
-def test_pages_have_every_entry_once(
-    server: MCPServer[Any], tool: str, arguments: dict[str, Any], listed: str, count: int
-) -> None:
+def test_pages_have_every_entry_once(server, tool, arguments, listed, count):
     async def run() -> list[str]:
         found, skip = list[str](), 0
         async with Client(server) as client:

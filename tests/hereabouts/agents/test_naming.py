@@ -1,7 +1,5 @@
 """An agent names things by their pictures."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Any

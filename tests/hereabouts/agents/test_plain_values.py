@@ -1,7 +1,5 @@
 """Text of strangers comes out in one visible, bounded line."""
 
-from __future__ import annotations
-
 import unicodedata
 
 from hypothesis import given

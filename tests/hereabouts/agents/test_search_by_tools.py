@@ -1,7 +1,5 @@
 """Searches by agents: next_look and report_look, with the package's own client."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 from collections.abc import Awaitable, Callable, Iterator

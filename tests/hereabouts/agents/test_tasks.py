@@ -1,7 +1,5 @@
 """Tasks of an agent, each solved by three calls at most; and questions with no answer."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import math

@@ -1,7 +1,5 @@
 """Resources that clients listen to, pictures and past moments, with the package's own client."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 from dataclasses import replace
@@ -93,9 +91,7 @@ def test_a_client_of_an_earlier_protocol_subscribes(flat: SemanticMap) -> None:
     assert told == [APPLES]  # the second apple came after the end of the subscription
 
 
-def test_a_client_of_a_served_map_is_told_over_stdio_and_http(
-    tmp_path: Path, serve: Any, start: Any
-) -> None:
+def test_a_client_of_a_served_map_is_told_over_stdio_and_http(tmp_path, serve, start):
     path = tmp_path / "served.map"
     with create_map(path, base="https://example.org/flat/") as semantic_map:
         fill(semantic_map)

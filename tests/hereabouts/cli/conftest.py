@@ -1,7 +1,5 @@
 """A small real recording and a small map, for the command line's tests."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +20,7 @@ def _copy_kitchen(source: Path, folder: Path) -> Path:
     return folder
 
 
-def thinned(recording: Path, every: int = 5) -> Path:
+def thinned(recording: Path, every: int = 6) -> Path:
     """A simulated recording, with some of its frames."""
     listed = recording / "rgb.txt"
     listed.write_text("\n".join(listed.read_text().splitlines()[::every]) + "\n")
@@ -42,6 +40,15 @@ def kitchen_map(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPath
     kitchen = _copy_kitchen(shared("data/rgbd/redkitchen"), folder / "kitchen")
     assert main(["map", str(kitchen), "--into", str(folder / "kitchen.map")]) == 0
     return folder / "kitchen.map"
+
+
+@pytest.fixture(scope="session")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two recordings of one simulated house, between which small things were moved."""
+    folder = tmp_path_factory.mktemp("sessions") / "house"
+    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--sessions", "2"]
+    assert main([*words, "-o", str(folder)]) == 0
+    return thinned(folder / "session-1"), thinned(folder / "session-2")
 
 
 @pytest.fixture(scope="session")

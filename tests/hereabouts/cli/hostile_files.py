@@ -1,7 +1,5 @@
 """Files of strangers for the commands that read files, each with the command that reads it."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import sqlite3

@@ -1,25 +1,14 @@
 """The commands of the page on encoders run, in their order, with the tests' pair."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "tutorial" / "any-word.md"
 
 
-def test_the_page_on_any_word_runs(
-    kitchen: Path,
-    class_pair: str,
-    tmp_path: Path,
-    prints: Callable[..., str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_page_on_any_word_runs(kitchen, class_pair, tmp_path, prints, monkeypatch):
     monkeypatch.setenv("HEREABOUTS_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recordings").mkdir()

@@ -1,7 +1,5 @@
 """`hereabouts assert`, `retract` and `update`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -27,9 +25,7 @@ def rows(prints, den: Path, question: str) -> list[dict[str, object]]:
     ("words", "category"),
     [("coffee mug", "cup"), ("Weinglas", "wine glass"), ("sofa", "couch"), ("bowls", "bowl")],
 )
-def test_a_word_is_asserted_as_the_category_it_means(
-    den: Path, prints, words: str, category: str
-) -> None:
+def test_a_word_is_asserted_as_the_category_it_means(den, prints, words, category):
     prints("assert", den, "object/1", "category", words, "--by", "ann")
     assert [row["category"] for row in rows(prints, den, "objects")] == [category]
 
@@ -43,9 +39,7 @@ def test_a_word_is_asserted_as_the_category_it_means(
         ("kettle", "no object category 'kettle'"),
     ],
 )
-def test_a_word_of_no_category_is_refused_with_what_works(
-    den: Path, capsys: pytest.CaptureFixture[str], words: str, hint: str
-) -> None:
+def test_a_word_of_no_category_is_refused_with_what_works(den, capsys, words, hint):
     assert main(["assert", str(den), "object/1", "category", words, "--by", "ann"]) == 1
     assert hint in capsys.readouterr().err
 
@@ -61,9 +55,7 @@ def test_a_thing_is_on_another_by_its_label(den: Path, prints) -> None:
 
 
 @pytest.mark.parametrize("text", ["x" * 10_000, "two\nlines", "a\u202eb", "a\x1b[31mb"])
-def test_labels_and_authors_are_one_visible_line(
-    den: Path, capsys: pytest.CaptureFixture[str], text: str
-) -> None:
+def test_labels_and_authors_are_one_visible_line(den, capsys, text):
     for label, author in ((text, "ann"), ("cup", text)):
         assert main(["assert", str(den), "object/1", "label", label, "--by", author]) == 1
         error = capsys.readouterr().err

@@ -1,7 +1,5 @@
 """Bad input gets one line that helps, exit code 1, and leaves the map as it was."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +10,6 @@ from hereabouts.cli import main
 from kg.serving.opening import create_map
 
 Fails = Callable[..., str]
-Prints = Callable[..., str]
 Shared = Callable[[str], Path]
 
 
@@ -42,17 +39,13 @@ DAMAGE = [
 
 
 @pytest.mark.parametrize(("damage", "says"), DAMAGE, ids=[d.__name__ for d, _ in DAMAGE])
-def test_a_damaged_recording_leaves_no_map(
-    kitchen: Path, tmp_path: Path, fails: Fails, damage: Callable[[Path], None], says: str
-) -> None:
+def test_a_damaged_recording_leaves_no_map(kitchen, tmp_path, fails, damage, says):
     damage(kitchen)
     assert says in fails("map", kitchen, "--into", tmp_path / "new.map")
     assert not (tmp_path / "new.map").exists()
 
 
-def test_a_damaged_recording_leaves_an_older_map_alone(
-    kitchen: Path, lab: Path, fails: Fails, prints: Prints
-) -> None:
+def test_a_damaged_recording_leaves_an_older_map_alone(kitchen, lab, fails, prints):
     before = prints("ask", lab, "-e", "SELECT * WHERE { ?s ?p ?o } ORDER BY ?s ?p ?o")
     _truncated_png(kitchen)
     fails("map", kitchen, "--into", lab)
@@ -79,9 +72,7 @@ def test_bad_options_of_map(kitchen: Path, tmp_path: Path, fails: Fails) -> None
     assert not (tmp_path / "new.map").exists()
 
 
-def test_a_network_of_another_kind_is_refused(
-    kitchen: Path, shared: Callable[[str], Path], tmp_path: Path, fails: Fails
-) -> None:
+def test_a_network_of_another_kind_is_refused(kitchen, shared, tmp_path, fails):
     scene = shared("models/squeezenet11_places365.onnx")
     fails("map", kitchen, "--into", tmp_path / "new.map", "--detector", scene)
     detector = shared("models/nanodet_g_416.onnx")
@@ -106,9 +97,7 @@ def test_a_network_of_another_kind_is_refused(
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_questions_that_cannot_be_asked(
-    lab: Path, fails: Fails, words: list[str], says: str
-) -> None:
+def test_questions_that_cannot_be_asked(lab, fails, words, says):
     assert says in fails("ask", lab, *words)
 
 
@@ -191,26 +180,20 @@ def test_a_saved_map_is_not_imported_twice(lab: Path, shared: Shared, fails: Fai
         assert "already" in fails("thesis", "import", option, file, "--into", lab)
 
 
-def test_pictures_that_cannot_be_saved_leave_no_map(
-    kitchen: Path, tmp_path: Path, fails: Fails
-) -> None:
+def test_pictures_that_cannot_be_saved_leave_no_map(kitchen, tmp_path, fails):
     taken = tmp_path / "taken"
     taken.write_text("")
     assert "taken" in fails("map", kitchen, "--into", tmp_path / "new.map", "--pictures", taken)
     assert not (tmp_path / "new.map").exists()
 
 
-def test_a_sequence_without_its_file_of_transforms_is_wrong_usage(
-    kitchen: Path, tmp_path: Path
-) -> None:
+def test_a_sequence_without_its_file_of_transforms_is_wrong_usage(kitchen, tmp_path):
     with pytest.raises(SystemExit, match="2"):
         main(["map", str(kitchen), "--into", str(tmp_path / "new.map"), "--sequence", "attic"])
     assert not (tmp_path / "new.map").exists()
 
 
-def test_a_damaged_image_makes_no_other_line_on_stderr(
-    kitchen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_image_makes_no_other_line_on_stderr(kitchen, tmp_path, capfd):
     _damaged_png(kitchen)
     assert main(["map", str(kitchen), "--into", str(tmp_path / "new.map")]) == 1
     assert capfd.readouterr().err.count("\n") == 1
@@ -256,9 +239,7 @@ def test_a_file_of_bytes_that_are_no_text(lab: Path, tmp_path: Path, fails: Fail
 
 @pytest.mark.parametrize("output", ["history.sqlite", "store/new.json", "../a.map", "new/x.json"])
 @pytest.mark.parametrize("command", ["export", "plot"])
-def test_nothing_is_written_into_the_folder_of_a_map(
-    command: str, output: str, tmp_path: Path, fails: Fails
-) -> None:
+def test_nothing_is_written_into_the_folder_of_a_map(command, output, tmp_path, fails):
     folder = tmp_path / "a.map"
     create_map(folder).close()
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -1,7 +1,5 @@
 """`info`, `convert`, and maps of one recording as folder, ROS 1 bag, ROS 2 bag and MCAP file."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -54,9 +52,7 @@ def mapped(prints: Prints, recording: Path, into: Path) -> set[str]:
     return canonical(parse(untimed(out.read_text()), format=RdfFormat.TURTLE, base_iri=BASE))
 
 
-def test_folder_ros1_bag_ros2_bag_and_mcap_make_one_map(
-    folder: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_folder_ros1_bag_ros2_bag_and_mcap_make_one_map(folder, prints, tmp_path):
     copies = {
         "ros1": tmp_path / "1" / "kitchen.bag",
         "ros2": tmp_path / "2" / "kitchen",
@@ -72,17 +68,13 @@ def test_folder_ros1_bag_ros2_bag_and_mcap_make_one_map(
         assert found == wanted, kind
 
 
-def test_an_ending_that_convert_does_not_know_is_refused(
-    folder: Path, fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_an_ending_that_convert_does_not_know_is_refused(folder, fails, tmp_path):
     told = fails("convert", folder, "-o", tmp_path / "kitchen.xyz")
     assert "unknown ending '.xyz'; .mcap (ROS 2), .bag (ROS 1) or no ending" in told
     assert list(tmp_path.iterdir()) == []
 
 
-def test_info_shows_streams_choice_and_fit(
-    folder: Path, prints: Prints, fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_info_shows_streams_choice_and_fit(folder, prints, fails, tmp_path):
     bag = tmp_path / "kitchen.mcap"
     prints("convert", folder, "-o", bag, "--limit", 6)
     told = json.loads(prints("info", bag, "--json"))
@@ -106,9 +98,7 @@ def test_info_shows_streams_choice_and_fit(
     assert "agree" in of_folder["depth and poses"]
 
 
-def test_info_of_a_bag_that_cannot_be_mapped_shows_its_streams(
-    folder: Path, prints: Prints, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_of_a_bag_that_cannot_be_mapped_shows_its_streams(folder, prints, tmp_path, capsys):
     from hereabouts.cli import main
 
     bag = tmp_path / "kitchen.bag"
@@ -119,9 +109,7 @@ def test_info_of_a_bag_that_cannot_be_mapped_shows_its_streams(
     assert err.startswith("error: no transforms of frame 'moon'")
 
 
-def test_commands_on_what_is_no_bag(
-    fails: Callable[..., str], folder: Path, tmp_path: Path
-) -> None:
+def test_commands_on_what_is_no_bag(fails, folder, tmp_path):
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(b"\x89MCAP0\r\n" + bytes(99))
     for words in (
@@ -137,9 +125,7 @@ def test_commands_on_what_is_no_bag(
     assert "exists already" in fails("convert", folder, "-o", kept, "--limit", 2)
 
 
-def test_a_bag_that_is_damaged_in_the_middle_is_mapped_up_to_there(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_is_damaged_in_the_middle_is_mapped_up_to_there(folder, tmp_path, capfd):
     from hereabouts.cli import main
 
     bag, into = tmp_path / "kitchen.bag", tmp_path / "kitchen.map"

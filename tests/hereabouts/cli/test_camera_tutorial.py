@@ -1,24 +1,14 @@
 """The commands of the tutorial without poses run, in their order."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "tutorial" / "from-a-camera.md"
 FRAMES = 10
 
 
-def test_the_tutorial_runs_from_a_camera_to_an_answer(
-    shared: Callable[[str], Path],
-    tmp_path: Path,
-    prints: Callable[..., str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_tutorial_runs_from_a_camera_to_an_answer(shared, tmp_path, prints, monkeypatch):
     source, folder = shared("data/rgbd/redkitchen"), tmp_path / "recordings" / "kitchen"
     folder.mkdir(parents=True)
     for path in sorted(source.glob("*.color.jpg"))[:FRAMES]:

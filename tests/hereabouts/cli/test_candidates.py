@@ -1,7 +1,5 @@
 """Why is nothing here: the line after mapping, `why --candidates`, "perhaps" of find and status."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -35,9 +33,7 @@ def doubted(mapped: Path) -> tuple[str, str]:
         return semantic_map.catalogue.label(best.category), best.iri.removeprefix(semantic_map.base)
 
 
-def test_mapping_ends_with_what_is_not_believed(
-    kitchen: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mapping_ends_with_what_is_not_believed(kitchen, tmp_path, capsys):
     into = tmp_path / "k.map"
     words = ["map", str(kitchen), "--no-check", "--limit", "4", "--into", str(into)]
     assert main(words) == 0
@@ -77,9 +73,7 @@ def test_what_was_never_detected_is_said_to_be_so(mapped: Path, prints: Prints) 
     assert "giraffe: 0 detections in 8 frames" in prints("why", mapped, "--candidates", "giraffe")
 
 
-def test_what_is_doubted_is_found_perhaps(
-    mapped: Path, doubted: tuple[str, str], prints: Prints
-) -> None:
+def test_what_is_doubted_is_found_perhaps(mapped, doubted, prints):
     category, name = doubted
     (first, *_) = prints("find", mapped, category).splitlines()
     number = name.rpartition("/")[2]
@@ -94,9 +88,7 @@ def test_what_is_doubted_is_found_perhaps(
     assert one["object"].endswith(name) and 0.1 <= one["existence"] < 0.5
 
 
-def test_what_is_present_is_not_perhaps(
-    mapped: Path, doubted: tuple[str, str], prints: Prints
-) -> None:
+def test_what_is_present_is_not_perhaps(mapped, doubted, prints):
     category, name = doubted
     with open_map(mapped) as semantic_map:
         (record,) = semantic_map.perceived.objects((semantic_map.base + name,))

@@ -1,9 +1,6 @@
 """Commands on the map of a full disk: reading works, and writing is refused in one plain line."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -38,9 +35,7 @@ def test_a_map_on_a_full_disk_is_read(full: Path, tmp_path: Path) -> None:
     assert all(name.startswith("history.sqlite-") for name in new)
 
 
-def test_writing_to_a_full_disk_is_refused_in_one_line(
-    full: Path, fails: Callable[..., str]
-) -> None:
+def test_writing_to_a_full_disk_is_refused_in_one_line(full, fails):
     full_map = "error: no space left on the disk of map flat.map; free some and retry\n"
     assert fails("name", full, "object/1", "mug", "--by", "ann") == full_map
     assert fails("assert", full, "object/1", "label", "mug", "--by", "ann") == full_map

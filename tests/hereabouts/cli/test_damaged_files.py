@@ -1,11 +1,8 @@
 """Damaged files beside a map: named by `check`, and told by the commands that need them."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -66,9 +63,7 @@ def empty(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [cut, text, empty])
-def test_check_names_each_file_that_cannot_be_read(
-    mapped: Path, damage: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_names_each_file_that_cannot_be_read(mapped, damage, capsys):
     before = kept(mapped)
     assert main(["check", str(mapped)]) == 0
     assert kept(mapped) == before
@@ -92,9 +87,7 @@ def test_check_names_each_file_that_cannot_be_read(
         ("views.sqlite", "DROP TABLE views"),
     ],
 )
-def test_check_reads_what_is_inside(
-    mapped: Path, name: str, statement: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_reads_what_is_inside(mapped, name, statement, capsys):
     with sqlite3.connect(mapped / name) as file:
         file.execute(statement)
     file.close()
@@ -133,9 +126,7 @@ def test_commands_that_need_a_damaged_file_say_so_in_one_line_and_go_on(
     assert said("check", mapped) == []
 
 
-def test_a_report_that_cannot_be_read_is_told_where_it_would_be_used(
-    mapped: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_that_cannot_be_read_is_told_where_it_would_be_used(mapped, capsys):
     text(mapped / "detections.json")
     capsys.readouterr()
     assert main(["status", str(mapped), "giraffe"]) == 0

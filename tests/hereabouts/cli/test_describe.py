@@ -1,7 +1,5 @@
 """`hereabouts describe`: title and licence, in the folder and over HTTP."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +10,12 @@ import requests
 
 from hereabouts.cli import main
 from kg.serving.opening import create_map, open_map
-from tests.hereabouts.cli.test_serve import TOKEN, Process, home, serve, tokens
+from tests.hereabouts.cli.test_serve import TOKEN, home, serve, tokens
 
 __all__ = ["home", "serve", "tokens"]  # fixtures
 
 CC_BY = "https://creativecommons.org/licenses/by/4.0/"
 LICENCE = rdflib.DCTERMS.license
-Prints = Callable[..., str]
 
 
 @pytest.fixture
@@ -27,9 +24,7 @@ def flat(tmp_path: Path) -> Path:
     return tmp_path / "flat.map"
 
 
-def test_a_licence_is_stored_exported_and_part_of_the_history(
-    flat: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_a_licence_is_stored_exported_and_part_of_the_history(flat, prints, tmp_path):
     before = json.loads(prints("describe", flat, "--json"))
     assert (before["title"], before["licence"]) == ("flat", None)
     words = ("--licence", CC_BY, "--title", "my flat", "--by", "ann", "--json")
@@ -47,9 +42,7 @@ def test_a_licence_is_stored_exported_and_part_of_the_history(
         assert CC_BY not in text
 
 
-def test_check_asks_for_the_licence_and_does_not_fail(
-    flat: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_asks_for_the_licence_and_does_not_fail(flat, capsys):
     assert main(["check", str(flat)]) == 0
     assert "no licence: hereabouts describe" in capsys.readouterr().err
     assert main(["describe", str(flat), "--licence", CC_BY]) == 0
@@ -64,9 +57,7 @@ def test_check_asks_for_the_licence_and_does_not_fail(
         (("--title", " "), "a map's title needs at least one letter"),
     ],
 )
-def test_what_is_no_licence_and_no_title_is_refused(
-    flat: Path, words: tuple[str, str], error: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_licence_and_no_title_is_refused(flat, words, error, capsys):
     assert main(["describe", str(flat), *words]) == 1
     assert error in capsys.readouterr().err
     with open_map(flat, read_only=True) as semantic_map:
@@ -74,12 +65,8 @@ def test_what_is_no_licence_and_no_title_is_refused(
 
 
 def test_a_served_map_is_described_on_its_page_and_in_dcat(
-    serve: Callable[..., Process],
-    home: Path,
-    tokens: Path,
-    prints: Prints,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    serve, home, tokens, prints, monkeypatch
+):
     process = serve(home, "--token-file", tokens)
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
     monkeypatch.setenv("HEREABOUTS_SERVER", process.url)
@@ -94,9 +81,7 @@ def test_a_served_map_is_described_on_its_page_and_in_dcat(
     assert '<h1 id="title">O&#x27;Neill&#x27;s &quot;flat&quot;' in page
 
 
-def test_check_tells_of_a_history_that_is_missing(
-    flat: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_tells_of_a_history_that_is_missing(flat, capsys):
     assert main(["check", str(flat)]) == 0
     assert "keeps no history" not in capsys.readouterr().err
     for file in flat.glob("history.sqlite*"):

@@ -1,7 +1,5 @@
 """A map with the user's encoder, at every door: command line, questions, page and agents."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil
@@ -29,9 +27,7 @@ _WORDS = [f"{a} {b} {c}" for a in COLOURS for b in COLOURS for c in COLOURS][:30
 
 
 @pytest.fixture(scope="session")
-def encoded_kitchen(
-    shared: Callable[[str], Path], class_pair: str, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def encoded_kitchen(shared, class_pair, tmp_path_factory):
     """The map of eight frames of the kitchen, with an encoder, and the cache that knows it."""
     folder = tmp_path_factory.mktemp("encoded")
     kitchen = _copy_kitchen(shared("data/rgbd/redkitchen"), folder / "kitchen")
@@ -57,9 +53,7 @@ def encoded(encoded_kitchen: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     return shutil.copytree(encoded_kitchen, tmp_path / "kitchen.map")
 
 
-def test_things_and_views_have_embeddings_and_describe_tells_their_size(
-    encoded: Path, prints: Callable[..., str]
-) -> None:
+def test_things_and_views_have_embeddings_and_describe_tells_their_size(encoded, prints):
     kept = kept_looks(encoded / ENCODED)
     assert kept is not None
     pictures = {path.name for path in (encoded / "pictures").iterdir()}
@@ -71,9 +65,7 @@ def test_things_and_views_have_embeddings_and_describe_tells_their_size(
     assert f"{len(kept.rows)} embeddings in" in prints("describe", encoded)
 
 
-def test_find_orders_by_looks_what_no_word_is_for(
-    encoded: Path, prints: Callable[..., str], fails: Callable[..., str]
-) -> None:
+def test_find_orders_by_looks_what_no_word_is_for(encoded, prints, fails):
     told = prints("find", encoded, DRINKWARE, "--from", "0,0")
     assert f"'{DRINKWARE}' is no word" in told and "look" in told and "says the encoder" in told
     whole = prints("find", encoded, "red drinkware", "--from", "0,0")
@@ -99,9 +91,7 @@ def test_a_known_word_is_found_as_before_and_its_looks_are_a_line_more(
     assert "says the encoder" not in prints("find", encoded, "cup")
 
 
-def test_nine_in_ten_absent_words_look_like_nothing(
-    encoded: Path, class_pair: str, prints: Callable[..., str], tmp_path: Path
-) -> None:
+def test_nine_in_ten_absent_words_look_like_nothing(encoded, class_pair, prints, tmp_path):
     told = json.loads(prints("models", "check", encoded, "--encoder", class_pair, "--json"))
     assert told["things"] >= 3 and told["nothing_looks_like"] >= 0.9
     words = tmp_path / "words.txt"
@@ -140,9 +130,7 @@ def test_questions_page_and_agents_tell_the_same(encoded: Path) -> None:
         assert nothing.is_error and "no view looks like" in str(nothing.content)
 
 
-def test_labels_name_things_by_a_list_of_ones_own(
-    encoded: Path, prints: Callable[..., str], fails: Callable[..., str], kitchen_map: Path
-) -> None:
+def test_labels_name_things_by_a_list_of_ones_own(encoded, prints, fails, kitchen_map):
     names = "entertainment center, dishwasher, microwave, monitor, screen, chair, zebra, unicorn"
     told = json.loads(prints("labels", encoded, names, "--json"))
     assert told["named"] and not {"zebra", "unicorn"} & {one["name"] for one in told["named"]}
@@ -159,9 +147,7 @@ def test_labels_name_things_by_a_list_of_ones_own(
     assert "kind of place" in fails("labels", encoded, "kitchen")
 
 
-def test_embeddings_leave_only_when_they_are_asked_for(
-    encoded: Path, prints: Callable[..., str], fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_embeddings_leave_only_when_they_are_asked_for(encoded, prints, fails, tmp_path):
     for name in ("map.ttl", "map.jsonld", "map.geojson", "map.nq"):
         prints("export", encoded, "-o", tmp_path / name)
         assert "embedding" not in (tmp_path / name).read_text("utf-8")
@@ -202,9 +188,7 @@ def test_a_map_without_an_encoder_gets_one_by_mapping_again(
     assert kept is not None and kept.rows
 
 
-def test_a_machine_without_the_encoder_tells_which_it_was(
-    encoded: Path, fails: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_machine_without_the_encoder_tells_which_it_was(encoded, fails, tmp_path, monkeypatch):
     from mapping.looks import user_encoder
 
     monkeypatch.setattr(user_encoder, "_opened", {})

@@ -1,7 +1,5 @@
 """`hereabouts evaluate map` on eight frames of a real kitchen, with the bundled detector."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -13,8 +11,6 @@ from hereabouts.cli import main
 from hereabouts.cli.mapping_options import MODES
 from mapping.runs.progress_report import STAGES
 
-Prints = Callable[..., str]
-Fails = Callable[..., str]
 Shared = Callable[[str], Path]
 
 
@@ -34,9 +30,7 @@ def scores_of(run: dict[str, object]) -> dict[str, object]:
     return {key: run[key] for key in keys}
 
 
-def test_truth_by_class_counts_what_the_map_holds(
-    kitchen: Path, prints: Prints, shared: Shared
-) -> None:
+def test_truth_by_class_counts_what_the_map_holds(kitchen, prints, shared):
     truth = shared("data/rgbd/redkitchen/objects_gt.json")
     detector = shared("models/nanodet_plus_m_416.onnx")
     answer = json.loads(
@@ -53,9 +47,7 @@ def test_truth_by_class_counts_what_the_map_holds(
     assert score["recall"] == pytest.approx(matched / 14)
 
 
-def test_a_map_scores_as_its_recording_does_and_modes_are_compared(
-    kitchen: Path, mapped: Path, truth: Path, prints: Prints
-) -> None:
+def test_a_map_scores_as_its_recording_does_and_modes_are_compared(kitchen, mapped, truth, prints):
     words = ("--truth", truth, "--json")
     (given,) = json.loads(prints("evaluate", "map", mapped, *words))["runs"]
     compared = json.loads(
@@ -80,26 +72,20 @@ def test_a_map_scores_as_its_recording_does_and_modes_are_compared(
         (["a.map", "--truth", "t", "--compare"], "no MAP"),
     ],
 )
-def test_options_that_do_not_fit_together(
-    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_that_do_not_fit_together(words, says, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["evaluate", "map", *words])
     assert stopped.value.code == 2
     assert says in capsys.readouterr().err
 
 
-def test_a_map_without_a_recording_needs_the_transform_of_one(
-    lab: Path, kitchen: Path, truth: Path, prints: Prints, fails: Fails
-) -> None:
+def test_a_map_without_a_recording_needs_the_transform_of_one(lab, kitchen, truth, prints, fails):
     assert "--recording DIR" in fails("evaluate", "map", lab, "--truth", truth)
     table = prints("evaluate", "map", lab, "--recording", kitchen, "--truth", truth)
     assert "lab" in table
 
 
-def test_pictures_of_one_map_and_of_several(
-    mapped: Path, truth: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_pictures_of_one_map_and_of_several(mapped, truth, prints, tmp_path):
     picture, plot = tmp_path / "above.png", tmp_path / "reliability.svg"
     words = ("--picture", picture, "--plot", plot)
     prints("evaluate", "map", mapped, "--truth", truth, *words)
@@ -112,18 +98,14 @@ def test_pictures_of_one_map_and_of_several(
     assert "all: ECE" in plot.read_text()
 
 
-def test_pictures_that_cannot_be_drawn_are_refused_before_mapping(
-    truth: Path, shared: Shared, fails: Fails, tmp_path: Path
-) -> None:
+def test_pictures_that_cannot_be_drawn_are_refused_before_mapping(truth, shared, fails, tmp_path):
     nowhere = ("evaluate", "map", "--recording", tmp_path / "nowhere", "--truth")
     assert ".png, .svg or .pdf" in fails(*nowhere, truth, "--picture", tmp_path / "a.bmp")
     by_class = shared("data/rgbd/redkitchen/objects_gt.json")
     assert "complete truth" in fails(*nowhere, by_class, "--plot", tmp_path / "a.png")
 
 
-def test_whose_world_the_truth_is_in(
-    kitchen: Path, mapped: Path, truth: Path, prints: Prints, fails: Fails, tmp_path: Path
-) -> None:
+def test_whose_world_the_truth_is_in(kitchen, mapped, truth, prints, fails, tmp_path):
     words = ("evaluate", "map", mapped, "--truth", truth)
     alone = prints(*words)
     transforms = tmp_path / "transforms.json"
@@ -140,9 +122,7 @@ def test_whose_world_the_truth_is_in(
     assert "kitchen, shifted, not 'nobody'" in fails(*words, "--name", "nobody")
 
 
-def test_each_recording_has_detections_of_its_own(
-    kitchen: Path, truth: Path, prints: Prints, fails: Fails, tmp_path: Path
-) -> None:
+def test_each_recording_has_detections_of_its_own(kitchen, truth, prints, fails, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(kitchen, other)
     frames = sorted(path.name.split(".")[0] for path in kitchen.glob("*.color.jpg"))

@@ -1,7 +1,5 @@
 """`hereabouts find` as people use it: steps, reasons, pictures, wrong words."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -61,11 +59,8 @@ def test_what_is_known_comes_before_the_plan(says: Said) -> None:
 
 
 def test_the_map_may_stand_last_or_be_the_only_one_here(
-    flat_on_disk: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    flat_on_disk, tmp_path, capsys, monkeypatch
+):
     def told(*words: str, code: int = 0) -> tuple[str, str]:
         assert main(list(words)) == code
         return capsys.readouterr()
@@ -231,9 +226,7 @@ def test_the_thesis_rule_is_still_there(says: Said) -> None:
         (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),
     ],
 )
-def test_what_cannot_be_done_is_one_line(
-    flat_on_disk: Path, capsys: pytest.CaptureFixture[str], words: list[str], error: str
-) -> None:
+def test_what_cannot_be_done_is_one_line(flat_on_disk, capsys, words, error):
     assert main(["find", str(flat_on_disk), *words]) == 1
     out, err = capsys.readouterr()
     assert out == ""

@@ -1,7 +1,5 @@
 """`hereabouts floor`: what a robot's own navigation reads of the map."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

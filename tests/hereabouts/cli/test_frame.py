@@ -1,7 +1,5 @@
 """Two maps of one room, laid on each other by their objects."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -51,9 +49,7 @@ def test_align_writes_the_transform_between_the_frames(rooms: tuple[str, str]) -
             assert np.allclose(first.p_map, second.p_map, atol=0.1), label
 
 
-def test_maps_with_nothing_in_common_are_not_aligned(
-    rooms: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_maps_with_nothing_in_common_are_not_aligned(rooms, tmp_path, capsys):
     create_map(tmp_path / "empty").close()
     words = [
         "describe",

@@ -1,7 +1,5 @@
 """A served map whose disk fills up: reads go on, errors name the map, writes work again."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -83,9 +81,7 @@ def filled(ballast: Path, leaving: int) -> None:
 
 
 @pytest.mark.parametrize("leaving", [20_000, 300_000])
-def test_reads_go_on_and_writes_work_again_once_there_is_space(
-    disk: Path, tmp_path: Path, leaving: int
-) -> None:
+def test_reads_go_on_and_writes_work_again_once_there_is_space(disk, tmp_path, leaving):
     path, tokens = disk / "flat.map", tmp_path / "tokens"
     create_map(path).close()
     tokens.write_text(f"ann {TOKEN}\n")

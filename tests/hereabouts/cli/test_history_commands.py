@@ -1,7 +1,5 @@
 """why, log, diff, compact and ask --at on a real map."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

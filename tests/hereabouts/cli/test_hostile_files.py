@@ -1,9 +1,5 @@
 """Files of strangers: each command that reads one ends in one line, and leaves no traceback."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from hereabouts.cli import main
@@ -11,9 +7,7 @@ from tests.hereabouts.cli.hostile_files import HOSTILE
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_file_of_a_stranger_is_refused_in_one_line(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_of_a_stranger_is_refused_in_one_line(name, tmp_path, capsys):
     words = HOSTILE[name](tmp_path)
     assert main(words) == 1
     error = capsys.readouterr().err

@@ -1,9 +1,6 @@
 """`ontology check` beside hostile files: they are refused, and kill the check of no other."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
 
@@ -24,9 +21,7 @@ NEIGHBOURS = [
 
 
 @pytest.mark.parametrize("number", range(len(NEIGHBOURS)))
-def test_a_hostile_file_is_refused_in_one_line(
-    tmp_path: Path, number: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_hostile_file_is_refused_in_one_line(tmp_path, number, capsys):
     ending, body = NEIGHBOURS[number]
     file = tmp_path / f"hostile{ending}"
     file.write_bytes(body)
@@ -35,9 +30,7 @@ def test_a_hostile_file_is_refused_in_one_line(
     assert not error.err or error.err.count("\n") == 1
 
 
-def test_hostile_neighbours_do_not_keep_a_harmless_file_from_its_check(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hostile_neighbours_do_not_keep_a_harmless_file_from_its_check(tmp_path, capsys):
     for number, (ending, body) in enumerate(NEIGHBOURS):
         (tmp_path / f"a{number}{ending}").write_bytes(body)
     (tmp_path / "mine.ttl").write_text(HARMLESS)

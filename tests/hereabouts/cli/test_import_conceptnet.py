@@ -1,7 +1,5 @@
 """`hereabouts import conceptnet`: tables, JSON, a dry run, and one line where it goes wrong."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -32,9 +30,7 @@ def test_without_a_file_to_write_it_prints_what_it_found(prints: Prints, graph: 
     ]
 
 
-def test_a_dry_run_prints_the_difference_and_leaves_the_file(
-    capsys: pytest.CaptureFixture[str], graph: Path, tmp_path: Path
-) -> None:
+def test_a_dry_run_prints_the_difference_and_leaves_the_file(capsys, graph, tmp_path):
     words = ["import", "conceptnet", "--from", str(graph), "--into", str(tmp_path / "out.ttl")]
     assert main([*words, "--dry-run"]) == 0
     out, err = capsys.readouterr()
@@ -74,9 +70,7 @@ def _other(folder: Path) -> Path:
     return path
 
 
-def test_a_language_nobody_speaks_leaves_the_file_as_it_is(
-    prints: Prints, fails: Fails, graph: Path, tmp_path: Path
-) -> None:
+def test_a_language_nobody_speaks_leaves_the_file_as_it_is(prints, fails, graph, tmp_path):
     into = tmp_path / "conceptnet.ttl"
     prints("import", "conceptnet", "--from", graph, "--into", into)
     before = into.read_bytes()

@@ -1,7 +1,5 @@
 """`hereabouts map` killed at any moment: whole frames stay, and the same command goes on."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -10,14 +8,12 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 from kg.serving.opening import open_map
 
 ROOT = Path(__file__).resolve().parents[3]
-Prints = Callable[..., str]
 
 
 FRAMES = 12
@@ -63,9 +59,7 @@ def _frames_applied(path: Path) -> int:
         return record.frames_applied if record else 0
 
 
-def test_killed_twice_then_finished(
-    shared: Callable[[str], Path], tmp_path: Path, prints: Prints
-) -> None:
+def test_killed_twice_then_finished(shared, tmp_path, prints):
     recording = _first_frames(shared("data/rgbd/redkitchen"), tmp_path / "kitchen")
     into = tmp_path / "kitchen.map"
     rng = random.Random(4)

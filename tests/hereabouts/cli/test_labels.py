@@ -1,10 +1,7 @@
 """A detector with names of its own, on the command line: provisional categories and a table."""
 
-from __future__ import annotations
-
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +9,6 @@ import pytest
 from kg.serving.opening import open_map
 from perception.inference.model_zoo import NETWORKS, default_model, model_path
 
-Prints = Callable[..., str]
 OWN_NAMES = {"chair": "Windsor seat", "dining table": "Trestle board"}
 
 
@@ -27,9 +23,7 @@ def detector(tmp_path: Path) -> Path:
     return tmp_path / source.name
 
 
-def test_labels_of_a_detector_of_ones_own(
-    kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
-) -> None:
+def test_labels_of_a_detector_of_ones_own(kitchen, detector, tmp_path, prints):
     into = tmp_path / "kitchen.map"
     options = ("--detector", detector, "--scene", "none", "--threshold", "0.2", "--limit", 4)
     words = ("map", kitchen, "--no-check", "--json", *options, "--into")
@@ -60,9 +54,7 @@ def test_labels_of_a_detector_of_ones_own(
         assert semantic_map.objects("dining table") == ()
 
 
-def test_labels_are_ignored_where_that_is_wanted(
-    kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
-) -> None:
+def test_labels_are_ignored_where_that_is_wanted(kitchen, detector, tmp_path, prints):
     options = ("--detector", detector, "--scene", "none", "--unknown-labels", "ignore")
     words = ("map", kitchen, "--no-check", "--limit", 4, "--json", *options)
     told = json.loads(prints(*words, "--into", tmp_path / "m"))
@@ -70,9 +62,7 @@ def test_labels_are_ignored_where_that_is_wanted(
     assert set(told["unknown_labels"]) <= set(OWN_NAMES.values())
 
 
-def test_a_table_that_names_no_category_makes_no_map(
-    kitchen: Path, tmp_path: Path, fails: Callable[..., str]
-) -> None:
+def test_a_table_that_names_no_category_makes_no_map(kitchen, tmp_path, fails):
     table = tmp_path / "labels.csv"
     table.write_text("Windsor seat,chiar\n", encoding="utf-8")
     message = fails("map", kitchen, "--into", tmp_path / "m", "--labels-map", table)
@@ -80,9 +70,7 @@ def test_a_table_that_names_no_category_makes_no_map(
     assert not (tmp_path / "m").exists()
 
 
-def test_a_list_of_labels_is_checked_before_it_maps(
-    tmp_path: Path, prints: Prints, fails: Callable[..., str]
-) -> None:
+def test_a_list_of_labels_is_checked_before_it_maps(tmp_path, prints, fails):
     path = tmp_path / "labels.txt"
     path.write_text("Chair\nsofa, couch, lounge\nArmchair\nWindsor seat\n", encoding="utf-8")
     found = json.loads(prints("models", "check", path, "--json"))
@@ -96,9 +84,7 @@ def test_a_list_of_labels_is_checked_before_it_maps(
     assert "cannot read labels" in fails("models", "check", tmp_path / "none.txt")
 
 
-def test_words_are_written_as_an_ontology(
-    tmp_path: Path, prints: Prints, fails: Callable[..., str]
-) -> None:
+def test_words_are_written_as_an_ontology(tmp_path, prints, fails):
     out = tmp_path / "mine.ttl"
     prints("ontology", "words", "keys", "kettle", "-o", out)
     assert "key.n.01" in out.read_text(encoding="utf-8")

@@ -1,7 +1,5 @@
 """`hereabouts live` from a growing folder and a Foxglove peer: ended, killed, started again."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -45,17 +43,13 @@ def test_a_package_that_does_not_load_is_said_with_the_library_it_lacks(
     assert "pyrealsense2, which does not load: libusb-1.0.so.0" in said
 
 
-def test_a_camera_without_a_driver_is_refused_with_what_works(
-    fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_camera_without_a_driver_is_refused_with_what_works(fails, tmp_path):
     said = fails("live", "oak", "--into", tmp_path / "new.map")
     assert "no driver" in said and "ros2 launch" in said
     assert not (tmp_path / "new.map").exists()
 
 
-def test_a_realsense_camera_that_is_none_is_refused(
-    fails: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_realsense_camera_that_is_none_is_refused(fails, tmp_path, monkeypatch):
     rs = pytest.importorskip("pyrealsense2", reason="needs the extra realsense")
     into, junk = tmp_path / "new.map", tmp_path / "junk.db3"
     junk.write_bytes(b"no recording" * 1000)
@@ -94,9 +88,7 @@ def played_room(shared: Callable[[str], Path], tmp_path: Path) -> Path:
     return path
 
 
-def test_a_realsense_recording_is_mapped_as_it_is_played(
-    played_room: Path, prints: Prints, fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_realsense_recording_is_mapped_as_it_is_played(played_room, prints, fails, tmp_path):
     into = tmp_path / "room.map"
     report = json.loads(prints("live", f"realsense:{played_room}", "--into", into, "--json"))
     assert 0 < report["frames"] <= report["tracked"] <= report["received"] <= 40
@@ -144,17 +136,13 @@ def test_what_was_mapped_stays_where_a_realsense_camera_is_unplugged(
 @pytest.mark.parametrize(
     "words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"], ["ros3"]]
 )
-def test_what_is_no_source_is_refused_before_a_map_is_made(
-    words: list[str], fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_what_is_no_source_is_refused_before_a_map_is_made(words, fails, tmp_path):
     into = tmp_path / "new.map"
     assert "ros1://" in fails("live", *words, "--into", into)
     assert not into.exists()
 
 
-def test_a_growing_folder_makes_the_map_of_the_finished_one(
-    kitchen: Path, kitchen_map: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_a_growing_folder_makes_the_map_of_the_finished_one(kitchen, kitchen_map, prints, tmp_path):
     growing, into = tmp_path / "growing" / "kitchen", tmp_path / "live.map"
     growing.mkdir(parents=True)
     for path in kitchen.glob("*.txt"):
@@ -247,9 +235,7 @@ def test_live_is_ended_killed_and_started_again(kitchen: Path, tmp_path: Path) -
         assert frames_applied(into) == killed + report["frames"]
 
 
-def test_live_without_a_frame_fails_and_makes_no_map(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_live_without_a_frame_fails_and_makes_no_map(tmp_path, capsys):
     pytest.importorskip("rosbags")
     pytest.importorskip("websockets")
     from tests.perception.sources.live.foxglove_peer import foxglove_peer

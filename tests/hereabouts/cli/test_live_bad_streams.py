@@ -1,7 +1,5 @@
 """`hereabouts live` from a robot that does something wrong: a line, and mapping goes on."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -170,16 +168,7 @@ def live(into: Path, *words: str, address: str = ROS2) -> int:
         *("20 MB, ROS 1", "storm", "storm, ROS 1", "QoS"),
     ],
 )
-def test_a_line_says_what_is_wrong(
-    wire: str,
-    fault: Fault,
-    words: list[str],
-    code: int,
-    said: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_line_says_what_is_wrong(wire, fault, words, code, said, tmp_path, capsys, caplog):
     into = tmp_path / "a.map"
     with robot(fault, is_ros1=wire == "ros1") as address:
         # where nothing can be mapped, this is how long the test takes
@@ -197,9 +186,7 @@ def test_a_line_says_what_is_wrong(
     assert recording.frames_applied == 3
 
 
-def test_a_second_node_of_one_map_is_refused_and_the_first_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_node_of_one_map_is_refused_and_the_first_goes_on(tmp_path, capsys):
     into = tmp_path / "a.map"
     with create_map(into) as semantic_map, Mapper(semantic_map, recording="live"), robot(Fault()):
         assert live(into, "--limit", "2", "--idle", "8") == 1

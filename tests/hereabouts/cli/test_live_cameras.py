@@ -1,12 +1,9 @@
 """`hereabouts live` with several cameras of one robot, whose publisher is another process."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -30,9 +27,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(params=["ros2", "ros1"])
-def robot(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[str]:
+def robot(request, tmp_path, monkeypatch):
     """Address of a robot with two cameras, of which a file `tmp_path`/rear stops one."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -46,9 +41,7 @@ def robot(
         yield address
 
 
-def test_two_cameras_make_one_map_and_one_that_dies_is_named(
-    robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_cameras_make_one_map_and_one_that_dies_is_named(robot, tmp_path, capsys):
     onnx.save(orange_network(), tmp_path / "oranges.onnx")
     into, seen, errors = tmp_path / "a.map", tmp_path / "seen", tmp_path / "errors.txt"
     common = ["live", robot, "--into", str(into), "--camera", "front"]
@@ -105,9 +98,7 @@ def test_two_cameras_make_one_map_and_one_that_dies_is_named(
     "words",
     [["."], ["ros2", "--color-topic", "/front/color"], ["ros2", "--detector", "topic:/yolo"]],
 )
-def test_what_is_of_one_camera_does_not_go_with_several(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_of_one_camera_does_not_go_with_several(words, tmp_path, capsys):
     into = str(tmp_path / "a.map")
     with pytest.raises(SystemExit) as ended:
         main(["live", *words, "--into", into, "--camera", "front", "--camera", "rear"])

@@ -1,12 +1,9 @@
 """`hereabouts live --loops`: the map follows the SLAM of a robot that is another process."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -33,9 +30,7 @@ ASSERTED = "bowl"  # by someone, while the robot drives
 
 
 @pytest.fixture
-def robot(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[str]:
+def robot(request, tmp_path, monkeypatch):
     """Address of the robot that drifts."""
     wire, told = request.param
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
@@ -141,9 +136,7 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
     indirect=["robot"],
     ids=["jump", "path", "graph", "none"],
 )
-def test_what_was_mapped_moves_with_the_corrected_path(
-    robot: str, words: list[str], tmp_path: Path, truth: Things
-) -> None:
+def test_what_was_mapped_moves_with_the_corrected_path(robot, words, tmp_path, truth):
     report, lines, errors = mapped(robot, tmp_path, truth, *words)
     median, most = np.nanmedian(errors), np.nanpercentile(errors, 90)
     summary = f"{len(errors)} things, median {median:.3f} m, 90 % within {most:.3f} m"

@@ -1,7 +1,5 @@
 """`hereabouts live` into a served map: its server is killed and comes back."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -10,7 +8,6 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -76,9 +73,7 @@ def test_a_growing_folder_is_mapped_whole_over_a_restart_of_the_server(
     assert main(["check", str(home)]) == 0
 
 
-def test_a_stream_goes_on_after_a_restart_of_the_server(
-    serve: Serve, kitchen: Path, home: Path, tokens: Path, tmp_path: Path
-) -> None:
+def test_a_stream_goes_on_after_a_restart_of_the_server(serve, kitchen, home, tokens, tmp_path):
     pytest.importorskip("rosbags")
     pytest.importorskip("websockets")
     from perception.sources.bag_writer import DEPTH
@@ -118,9 +113,7 @@ def test_a_stream_goes_on_after_a_restart_of_the_server(
     assert main(["check", str(home)]) == 0
 
 
-def test_a_server_that_was_never_there_is_an_error(
-    kitchen: Path, fails: Callable[..., str]
-) -> None:
+def test_a_server_that_was_never_there_is_an_error(kitchen, fails):
     words = ("--scene", "none", "--idle", 5)
     assert "127.0.0.1:1" in fails("live", kitchen, "--into", "http://127.0.0.1:1/", *words)
 
@@ -141,9 +134,7 @@ BUSY = MapBusyError("somebody else maps")
         (True, [AWAY, BUSY, BUSY], BUSY),
     ],
 )
-def test_what_is_an_outage_and_what_an_error(
-    monkeypatch: pytest.MonkeyPatch, opened: bool, happens: list[Any], raised: Exception | None
-) -> None:
+def test_what_is_an_outage_and_what_an_error(monkeypatch, opened, happens, raised):
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.001)
     mapped, left = MappedFrames(opened=opened), list(happens)
 

@@ -1,7 +1,5 @@
 """A recording becomes a map that answers: the whole path, through the command line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -17,7 +15,6 @@ from pyoxigraph import RdfFormat
 from hereabouts.cli import main
 
 Prints = Callable[..., str]
-Shared = Callable[[str], Path]
 CHAIR = "https://w3id.org/hereabouts#Chair"
 WAYS = ("kitchen", "1", "place/1")  # to say the only place of a map
 FORMATS = {
@@ -55,21 +52,14 @@ def test_a_kitchen_is_mapped_asked_searched_checked(mapped: Path, prints: Prints
     assert prints("check", mapped) == ""
 
 
-def test_mapping_without_a_terminal_tells_how_far_it_is(
-    kitchen: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_mapping_without_a_terminal_tells_how_far_it_is(kitchen, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("hereabouts.cli.map_recording._TELL_EVERY", 0.0)
     assert main(["map", str(kitchen), "--into", str(tmp_path / "k.map"), "--limit", "2"]) == 0
     told = capsys.readouterr().err
     assert "1 of 2 frames, " in told and "2 of 2 frames, " in told
 
 
-def test_mapping_again_does_nothing_until_asked(
-    kitchen_map: Path, kitchen: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_mapping_again_does_nothing_until_asked(kitchen_map, kitchen, prints, tmp_path):
     mapped = shutil.copytree(kitchen_map, tmp_path / "kitchen.map")
     before = prints("ask", mapped, "objects", "--format", "csv")
     words = ("map", kitchen, "--no-check", "--into", mapped, "--json")
@@ -102,9 +92,7 @@ def test_answers_come_in_every_format(lab: Path, prints: Prints) -> None:
     assert len(triples) == 2 * sum(row["category"] == "chair" for row in rows)
 
 
-def test_a_table_has_details_only_where_they_are_asked_for(
-    lab: Path, prints: Prints, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_has_details_only_where_they_are_asked_for(lab, prints, capsys):
     whole, brief = prints("ask", lab, "objects", "--explain"), prints("ask", lab, "objects")
     assert "observations" in whole and "observations" not in brief and "existence" in brief
     rows = json.loads(prints("ask", lab, "objects", "--format", "json"))
@@ -142,9 +130,7 @@ def test_a_query_file_of_ones_own_is_asked(lab: Path, prints: Prints, tmp_path: 
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_the_map_leaves_as_linked_data(
-    lab: Path, prints: Prints, tmp_path: Path, ending: str
-) -> None:
+def test_the_map_leaves_as_linked_data(lab, prints, tmp_path, ending):
     file = tmp_path / f"lab.{ending}"
     prints("export", lab, "-o", file)
     quads = list(pyoxigraph.parse(path=str(file), format=FORMATS[ending]))
@@ -153,9 +139,7 @@ def test_the_map_leaves_as_linked_data(
     assert any("POINT Z" in str(q.object) for q in quads)
 
 
-def test_the_authors_maps_survive_save_and_reload(
-    lab: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_the_authors_maps_survive_save_and_reload(lab, prints, tmp_path):
     prints("thesis", "export", lab, "-o", tmp_path / "saved")
     prints(
         *("thesis", "import", "--into", tmp_path / "again.map"),
@@ -188,9 +172,7 @@ def test_all_lists_what_probably_is_not_there_too(lab: Path, prints: Prints) -> 
     assert sum(row["count"] for row in rows("summary", "--all")) == 91
 
 
-def test_a_plan_is_drawn_with_its_looks_in_words(
-    mapped: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_a_plan_is_drawn_with_its_looks_in_words(mapped, prints, tmp_path):
     drawn = tmp_path / "find.svg"
     prints("find", mapped, "banana", "--from", "0,0,90", "--now", "map", "--picture", drawn)
     assert re.search(r"finds it with [\d.]+ % after \d+ s", drawn.read_text())
@@ -226,9 +208,7 @@ def test_wrong_usage_is_one_line_with_an_example(capsys: pytest.CaptureFixture[s
         assert f"example: hereabouts {words[0]}" in told
 
 
-def test_negative_coordinates_and_axes_need_no_equals_sign(
-    kitchen: Path, mapped: Path, prints: Prints, tmp_path: Path
-) -> None:
+def test_negative_coordinates_and_axes_need_no_equals_sign(kitchen, mapped, prints, tmp_path):
     asked = ("find", mapped, "chair", "--now", "map")
     assert prints(*asked, "--from", "-1,-2.5") == prints(*asked, "--from=-1,-2.5")
     prints("map", kitchen, "--into", tmp_path / "k.map", "--limit", 1, "--no-floor", "--up", "-y")

@@ -1,7 +1,5 @@
 """`hereabouts mcp` as agents use it: the package's own client, real processes, real ports."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os
@@ -30,7 +28,7 @@ from hereabouts.cli import main
 from kg.model.records import MapUpdate, PlaceRecord, PlaceViews
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers.local_evaluation import LimitedQueries
-from tests.hereabouts.cli.test_serve import Process, interruptible, serve
+from tests.hereabouts.cli.test_serve import interruptible, serve
 from tests.planner.flat import fill, thing
 
 __all__ = ["serve"]  # a fixture
@@ -241,9 +239,7 @@ def test_each_tool_says_that_text_is_data(described: MCPServer[Any]) -> None:
         assert tool.annotations.read_only_hint == (name in READING)
 
 
-def test_http_answers_and_refuses_other_hosts_and_web_pages(
-    flat: Path, start: Callable[..., str]
-) -> None:
+def test_http_answers_and_refuses_other_hosts_and_web_pages(flat, start):
     url = start(flat, "--http", "0")
     assert url.startswith("http://127.0.0.1:")
     assert set(tools(url)) == READING
@@ -259,9 +255,7 @@ def test_http_answers_and_refuses_other_hosts_and_web_pages(
     assert statuses == [403, 403, 421]
 
 
-def test_agents_write_over_http_in_the_name_of_their_token(
-    flat: Path, tmp_path: Path, start: Callable[..., str]
-) -> None:
+def test_agents_write_over_http_in_the_name_of_their_token(flat, tmp_path, start):
     path = tmp_path / "own.map"
     with create_map(path, base=BASE) as semantic_map:
         fill(semantic_map)
@@ -316,9 +310,7 @@ def test_agents_write_over_stdio_in_the_name_given(tmp_path: Path) -> None:
         assert [a.by for a in semantic_map.assertions.all()] == ["agent 7"]
 
 
-def test_a_served_map_is_asked_while_it_is_written(
-    tmp_path: Path, serve: Callable[..., Process], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_served_map_is_asked_while_it_is_written(tmp_path, serve, monkeypatch):
     path = tmp_path / "served.map"
     with create_map(path, title="our flat", base=BASE) as semantic_map:
         fill(semantic_map)
@@ -394,17 +386,13 @@ def test_a_signal_ends_it_though_stdin_is_open(flat: Path, by: signal.Signals) -
         (["--http", "high"], "needs a port"),
     ],
 )
-def test_wrong_usage_says_what_would_work(
-    words: list[str], hint: str, flat: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_usage_says_what_would_work(words, hint, flat, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["mcp", str(flat), *words])
     assert hint in capsys.readouterr().err
 
 
-def test_what_cannot_start_says_why(
-    flat: Path, fails: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_start_says_why(flat, fails, monkeypatch):
     assert "--token-file" in fails("mcp", flat, "--http", "0.0.0.0:0")
     monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
     assert "HEREABOUTS_TOKEN" in fails("mcp", "http://127.0.0.1:1", "--write")

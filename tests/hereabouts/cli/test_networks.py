@@ -1,7 +1,5 @@
 """Commands about networks: `evaluate detector`, `evaluate scene`, `teach`, `--device`, `best`."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import socket
@@ -64,9 +62,7 @@ def test_the_best_detector_cannot_be_fetched_without_a_network(
     assert not (tmp_path / "k.map").exists()
 
 
-def test_a_better_detector_is_told_of_once_on_a_machine(
-    kitchen: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys
-) -> None:
+def test_a_better_detector_is_told_of_once_on_a_machine(kitchen, monkeypatch, tmp_path, capsys):
     name = "deimv2_femto_coco"
     card = model_zoo.find_model(name)
     assert card.sha256 and (card.ap or 0) > max(

@@ -1,7 +1,5 @@
 """`hereabouts ontology`: what people see of checking, comparing and reloading."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -37,9 +35,7 @@ def flat(tmp_path: Path) -> Path:
     return path
 
 
-def test_reload_tells_the_change_and_the_map_has_it(
-    flat: Path, mine: Path, prints: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reload_tells_the_change_and_the_map_has_it(flat, mine, prints, capsys):
     told = [
         "+ category 'mug' added under cup",
         "+ ontology 'mine' added",
@@ -64,9 +60,7 @@ def test_json_has_the_same(flat: Path, mine: Path, prints: Run) -> None:
     assert done["added"] > 5
 
 
-def test_check_says_what_is_wrong_where(
-    mine: Path, prints: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_says_what_is_wrong_where(mine, prints, capsys):
     assert prints("ontology", "check", mine) == ""
     mine.write_text(mine.read_text() + "here:Jug a owl:Class ; rdfs:subClassOf here:Cup .\n")
     assert main(["ontology", "check", str(mine), "--json"]) == 1
@@ -113,9 +107,7 @@ def test_a_file_that_leaves_out_what_the_map_knows_is_refused_unless_it_is_the_w
     assert "- category 'kitchen' removed" in told
 
 
-def test_what_is_exported_loads_again_without_a_change(
-    flat: Path, tmp_path: Path, prints: Run
-) -> None:
+def test_what_is_exported_loads_again_without_a_change(flat, tmp_path, prints):
     path = tmp_path / "flat.owl"
     prints("ontology", "export", flat, "-o", path)
     assert prints("ontology", "check", path) == ""
@@ -130,9 +122,7 @@ def test_nothing_at_the_path_is_said(flat: Path, mine: Path, tmp_path: Path, fai
     assert "no map at" in fails("ontology", "reload", tmp_path / "no.map", mine)
 
 
-def test_a_header_that_says_little_is_warned_of_and_taken(
-    flat: Path, mine: Path, prints: Run
-) -> None:
+def test_a_header_that_says_little_is_warned_of_and_taken(flat, mine, prints):
     said = re.sub(r"rdfs:label .*?;\n|owl:versionInfo .*", "", MUG, count=2)
     bare = said.replace("commonsense> ;", "commonsense> .")
     mine.write_text(mine.read_text().replace(MUG, bare))
@@ -140,9 +130,7 @@ def test_a_header_that_says_little_is_warned_of_and_taken(
     assert "+ category 'mug' added under cup" in prints("ontology", "reload", flat, mine)
 
 
-def test_a_number_that_is_none_is_a_finding_and_no_traceback(
-    mine: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_number_that_is_none_is_a_finding_and_no_traceback(mine, caplog):
     with mine.open("a") as file:
         file.write('here:nearBy here:probability "often"^^xsd:double .\n')
     assert main(["ontology", "check", str(mine)]) == 1

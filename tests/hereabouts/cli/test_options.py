@@ -1,7 +1,5 @@
 """Each option of a command that maps or searches reaches the value that it is for."""
 
-from __future__ import annotations
-
 import argparse
 import functools
 import json
@@ -224,9 +222,7 @@ def test_modes_differ_in_their_defaults(built: Any) -> None:
     assert not built("map", "--no-floor")["mapping"].find_places
 
 
-def test_serve_maps_a_recording_by_the_same_options_as_map(
-    kitchen: Path, shared: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_serve_maps_a_recording_by_the_same_options_as_map(kitchen, shared, tmp_path):
     detector = shared("models/deimv2_femto_416.onnx")
     options = ["--detector", detector, "--scene", "none", "--mode", "reference"]
     options = [*map(str, options), "--threshold", "0.5", "--no-floor", "--no-pictures"]

@@ -1,7 +1,5 @@
 """Commands on a map that is published on a SPARQL server."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,12 +10,8 @@ import rdflib.compare
 
 from kg.model import vocabulary as v
 
-Prints = Callable[..., str]
 
-
-def test_a_published_map_is_read_as_its_folder(
-    kitchen_map: Path, sparql_server: str, prints: Prints, tmp_path: Path
-) -> None:
+def test_a_published_map_is_read_as_its_folder(kitchen_map, sparql_server, prints, tmp_path):
     places = (kitchen_map, sparql_server)
     prints("publish", kitchen_map, "--to", sparql_server, "--once")
     graphs = []
@@ -60,13 +54,8 @@ def test_a_server_that_is_not_there_is_one_line(fails: Callable[..., str], tmp_p
 
 
 def test_a_command_that_writes_names_publish_instead(
-    kitchen_map: Path,
-    kitchen: Path,
-    sparql_server: str,
-    shared: Callable[[str], Path],
-    fails: Callable[..., str],
-    prints: Prints,
-) -> None:
+    kitchen_map, kitchen, sparql_server, shared, fails, prints
+):
     prints("publish", kitchen_map, "--to", sparql_server, "--once")
     objects = shared("reference/saved_objects_lab.json")
     for words in (

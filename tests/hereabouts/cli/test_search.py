@@ -1,7 +1,5 @@
 """`hereabouts search`: exit codes, events, signals, kill -9 and going on after it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -40,9 +38,7 @@ def _search(path: Path, *words: str, **settings: object) -> subprocess.Completed
     )
 
 
-def test_found_is_0_and_each_event_is_a_line_of_json(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_found_is_0_and_each_event_is_a_line_of_json(path, capsys):
     robot = f"stdio:{command(objects=[APPLE])}"
     assert main(["search", str(path), "apple", "--robot", robot, "--json"]) == 0
     out, err = capsys.readouterr()
@@ -57,9 +53,7 @@ def test_found_is_0_and_each_event_is_a_line_of_json(
     assert 0 < plan["probability"] < 1
 
 
-def test_given_up_is_3_and_says_what_is_left(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_given_up_is_3_and_says_what_is_left(path, capsys):
     robot = f"stdio:{command()}"
     assert main(["search", str(path), "apple", "--robot", robot]) == 3
     out, err = capsys.readouterr()
@@ -70,9 +64,7 @@ def test_given_up_is_3_and_says_what_is_left(
     assert "given up" in capsys.readouterr().out
 
 
-def test_one_who_wants_less_certainty_gives_up_sooner(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_who_wants_less_certainty_gives_up_sooner(path, capsys):
     seconds = []
     for words in ([], ["--give-up-at", "0.3"]):
         robot = ["--robot", f"stdio:{command()}", "--json"]
@@ -81,9 +73,7 @@ def test_one_who_wants_less_certainty_gives_up_sooner(
     assert seconds[1] < seconds[0]
 
 
-def test_the_simulated_house_has_a_place_for_its_apple(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_simulated_house_has_a_place_for_its_apple(path, capsys):
     words = ["--robot", "sim", "--hide", "apple", "--budget", "0.001"]
     assert main(["search", str(path), "apple", *words]) == 1
     assert "maps that `hereabouts demo` made" in capsys.readouterr().err
@@ -97,9 +87,7 @@ def test_the_simulated_house_has_a_place_for_its_apple(
 @pytest.mark.parametrize(
     ("how", "code", "state"), [("terminate", 143, "stopped"), ("kill", -9, "running")]
 )
-def test_cut_short_it_goes_on_where_its_last_look_ended(
-    path: Path, how: str, code: int, state: str
-) -> None:
+def test_cut_short_it_goes_on_where_its_last_look_ended(path, how, code, state):
     cut = _search(path, "apple", objects=[FAR_APPLE], at_look=3, then=how)
     assert cut.returncode == code
     with open_map(path, read_only=True) as semantic_map:
@@ -166,9 +154,7 @@ def test_wrong_usage_is_2(path: Path, words: list[str]) -> None:
         (["apple", "--robot", "sim", "--hide", "aple@1,2,3"], "did you mean apple"),
     ],
 )
-def test_errors_are_one_line_and_leave_the_map_alone(
-    path: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_errors_are_one_line_and_leave_the_map_alone(path, words, said, capsys):
     with open_map(path, read_only=True) as semantic_map:
         before = semantic_map.sequence
     assert main(["search", str(path), *words]) == 1
@@ -180,9 +166,7 @@ def test_errors_are_one_line_and_leave_the_map_alone(
         assert semantic_map.sequence == before
 
 
-def test_a_ros1_robot_that_is_not_there_is_an_error(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_ros1_robot_that_is_not_there_is_an_error(path, capsys):
     pytest.importorskip("rosbags")
     for address in ("ros1://127.0.0.1:1", "ros1://"):
         words = ["--robot", address, "--patience", "0.5"]
@@ -194,9 +178,7 @@ def test_a_ros1_robot_that_is_not_there_is_an_error(
         assert semantic_map.searches.all() == ()
 
 
-def test_options_of_ros1_robots_are_for_them_alone(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_of_ros1_robots_are_for_them_alone(path, capsys):
     with pytest.raises(SystemExit):
         main(["search", str(path), "apple", "--robot", "sim", "--base-frame", "base_link"])
     assert "--base-frame needs --robot ros1://HOST" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """`hereabouts serve` as people start it: a process, its signals, a recording, a flood."""
 
-from __future__ import annotations
-
 import http.client
 import os
 import re
@@ -109,9 +107,7 @@ def beside(path: Path) -> list[str]:
     return [p.name for p in path.parent.iterdir() if p.name.startswith(f".{path.name}")]
 
 
-def test_it_serves_a_map_of_the_working_directory_until_told_to_end(
-    serve: Callable[..., Process], home: Path
-) -> None:
+def test_it_serves_a_map_of_the_working_directory_until_told_to_end(serve, home):
     process = serve("home.map")
     assert process.ask()
     assert "reading only" in process.said.read_text()
@@ -121,9 +117,7 @@ def test_it_serves_a_map_of_the_working_directory_until_told_to_end(
 
 
 @pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGINT])
-def test_what_was_written_is_there_after_a_signal_and_no_secret_was_told(
-    serve: Callable[..., Process], home: Path, tokens: Path, by: signal.Signals
-) -> None:
+def test_what_was_written_is_there_after_a_signal_and_no_secret_was_told(serve, home, tokens, by):
     process = serve(home, "--token-file", tokens, "--verbose")
     headers = {"Authorization": f"Bearer {TOKEN}"}
     update = "INSERT DATA { GRAPH <urn:notes> { <urn:x> rdfs:comment 'sesame' } }"
@@ -141,9 +135,7 @@ def test_what_was_written_is_there_after_a_signal_and_no_secret_was_told(
         assert semantic_map.query("SELECT ?n { <urn:x> rdfs:comment ?n }").rows == (("sesame",),)
 
 
-def test_an_answer_that_is_not_ready_at_the_end_is_told_so(
-    serve: Callable[..., Process], home: Path
-) -> None:
+def test_an_answer_that_is_not_ready_at_the_end_is_told_so(serve, home):
     process = serve(home, "--timeout", "300", "--verbose")
     answers: list[requests.Response] = []
     endless = {"query": "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"}
@@ -167,16 +159,12 @@ def test_an_answer_that_is_not_ready_at_the_end_is_told_so(
         (("--allow-service", "sparql"), "no IRI: 'sparql'"),
     ],
 )
-def test_what_could_never_work_is_refused_at_once(
-    home: Path, words: tuple[str, str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_could_never_work_is_refused_at_once(home, words, said, capsys):
     assert main(["serve", str(home), "--port", "0", *words]) == 1
     assert said in capsys.readouterr().err
 
 
-def test_a_recording_is_mapped_while_questions_are_answered(
-    serve: Callable[..., Process], kitchen: Path, shared: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_a_recording_is_mapped_while_questions_are_answered(serve, kitchen, shared, tmp_path):
     detector = shared("models/deimv2_femto_416.onnx")
     into = tmp_path / "live.map"
     process = serve(into, "--recording", kitchen, "--detector", detector)
@@ -200,9 +188,7 @@ def test_a_recording_is_mapped_while_questions_are_answered(
         assert len(semantic_map.objects()) > 0
 
 
-def test_a_signal_in_the_middle_of_a_recording_keeps_whole_frames(
-    serve: Callable[..., Process], kitchen: Path, shared: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_a_signal_in_the_middle_of_a_recording_keeps_whole_frames(serve, kitchen, shared, tmp_path):
     detector = shared("models/deimv2_femto_416.onnx")
     into = tmp_path / "live.map"
     process = serve(into, "--recording", kitchen, "--detector", detector)
@@ -240,9 +226,7 @@ def anew(process: Process, count: int) -> Iterator[tuple[int, str | None]]:
         connection.close()
 
 
-def test_a_flood_of_requests_is_refused_politely_and_the_server_stays(
-    serve: Callable[..., Process], home: Path
-) -> None:
+def test_a_flood_of_requests_is_refused_politely_and_the_server_stays(serve, home):
     process = serve(home)
     assert process.ask()
     before = process.memory()

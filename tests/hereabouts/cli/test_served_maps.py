@@ -1,7 +1,5 @@
 """`hereabouts map` and `search` against a running `hereabouts serve`; either of them killed."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -76,14 +74,8 @@ def facts(path: Path, prints: Prints, folder: Path) -> set[str]:
 
 
 def test_a_recording_mapped_into_a_served_map_makes_the_map_it_makes_in_the_folder(
-    serve: Serve,
-    kitchen: Path,
-    home: Path,
-    tokens: Path,
-    prints: Prints,
-    tmp_path: Path,
-    fails: Prints,
-) -> None:
+    serve, kitchen, home, tokens, prints, tmp_path, fails
+):
     process = trusted(serve(home, "--token-file", tokens))
     words = ("map", kitchen, "--no-check", "--limit", 4, "--json", "--into")
     report = json.loads(prints(*words, process.url))
@@ -104,9 +96,7 @@ def test_a_recording_mapped_into_a_served_map_makes_the_map_it_makes_in_the_fold
     assert prints("check", home) == ""
 
 
-def test_a_search_on_a_served_map_finds_and_remembers(
-    serve: Serve, rooms: Path, tokens: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_search_on_a_served_map_finds_and_remembers(serve, rooms, tokens, capsys):
     process = trusted(serve(rooms, "--token-file", tokens))
     robot = f"stdio:{command(objects=[APPLE])}"
     assert main(["search", process.url, "apple", "--robot", robot, "--json"]) == 0

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -7,14 +5,11 @@ import pytest
 
 from hereabouts.cli import main
 from kg.serving.opening import open_map
-from tests.hereabouts.cli.conftest import thinned
 
 
-@pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("simulate") / "house2"
-    assert main(["simulate", "house", "--seed", "2", "--size", "80x60", "-o", str(folder)]) == 0
-    return thinned(folder)
+@pytest.fixture
+def house(sessions: tuple[Path, Path]) -> Path:
+    return sessions[0]
 
 
 def test_a_simulated_house_is_mapped_with_its_own_detections(house: Path, tmp_path: Path) -> None:
@@ -59,16 +54,9 @@ def test_detections_of_another_recording_leave_no_map(house: Path, tmp_path: Pat
     assert not into.exists()
 
 
-def test_identity_between_two_sessions_is_scored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "house"
-    size = ["--size", "80x60", "--sessions", "2"]
-    assert main(["simulate", "house", "--seed", "2", *size, "-o", str(folder)]) == 0
-    capsys.readouterr()
+def test_identity_between_two_sessions_is_scored(sessions, capsys):
     words = ["--sessions", "2", "--same-frame", "--scene", "none", "--no-floor", "--json"]
-    for session in ("session-1", "session-2"):
-        place = thinned(folder / session)
+    for place in sessions:
         words += ["--recording", str(place), "--truth", str(place / "objects_full_gt.json")]
     assert main(["evaluate", "map", "--detector", "detections.json", *words]) == 0
     answer = json.loads(capsys.readouterr().out)
@@ -78,9 +66,9 @@ def test_identity_between_two_sessions_is_scored(
     assert identity["moved"]["things"] < identity["all"]["things"]
 
 
-@pytest.mark.parametrize("sessions", ["0", "2"])
-def test_sessions_need_as_many_recordings(sessions: str, house: Path) -> None:
+@pytest.mark.parametrize("number", ["0", "2"])
+def test_sessions_need_as_many_recordings(number: str, house: Path) -> None:
     words = ["--recording", str(house), "--truth", str(house / "objects_full_gt.json")]
     with pytest.raises(SystemExit) as stop:
-        main(["evaluate", "map", *words, "--sessions", sessions])
+        main(["evaluate", "map", *words, "--sessions", number])
     assert stop.value.code == 2

@@ -1,7 +1,5 @@
 """A command loads the libraries that it works with, and no others."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The surface in files for other programs, read again by the programs' own packages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`hereabouts teach MAP thing`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Text tables fit into the terminal, and show every character of every cell once."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,10 +1,7 @@
 """The commands of the tutorial run, in their order, and leave what the page says they leave."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,9 +11,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "tutorial" / "from-a-bag.m
 ENDLESS = "serve"  # tests of the server run it
 
 
-def test_the_tutorial_runs_from_a_bag_to_an_answer(
-    kitchen: Path, tmp_path: Path, prints: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tutorial_runs_from_a_bag_to_an_answer(kitchen, tmp_path, prints, monkeypatch):
     (tmp_path / "recordings").mkdir()
     kitchen.rename(tmp_path / "recordings" / "kitchen")
     monkeypatch.chdir(tmp_path)

@@ -1,11 +1,7 @@
 """Things without a name on the command line: counted below lists, and in no list or view."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-
-import pytest
 
 from hereabouts.cli import main
 from kg.serving.opening import create_map
@@ -19,9 +15,7 @@ def written(folder: Path) -> Path:
     return folder / "flat.map"
 
 
-def test_lists_of_the_command_line_name_them_below(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_lists_of_the_command_line_name_them_below(tmp_path, capsys):
     path = written(tmp_path)
     said = f"; hereabouts name {path} --review FILE.html shows them"
     assert main(["ask", str(path), "summary"]) == 0
@@ -34,9 +28,7 @@ def test_lists_of_the_command_line_name_them_below(
     assert "without a name" not in capsys.readouterr().err
 
 
-def test_exports_of_objects_leave_them_out_and_linked_data_has_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_exports_of_objects_leave_them_out_and_linked_data_has_them(tmp_path, capsys):
     path = written(tmp_path)
     for name, choice in (("flat.geojson", "--all"), ("flat.ttl", "--no-ontology")):
         assert main(["export", str(path), "-o", str(tmp_path / name), choice]) == 0

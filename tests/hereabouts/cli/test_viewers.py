@@ -1,7 +1,5 @@
 """What commands write for viewers, read again by the formats' own packages."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re
@@ -9,7 +7,6 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -41,9 +38,7 @@ def test_mapping_is_kept_frame_by_frame(kitchen: Path, tmp_path: Path) -> None:
     assert {"/map/camera/image", "/map/objects/cubes", "/map/robot"} <= entities
 
 
-def test_an_existing_file_is_refused_before_anything_is_mapped(
-    kitchen: Path, tmp_path: Path, fails: Callable[..., str]
-) -> None:
+def test_an_existing_file_is_refused_before_anything_is_mapped(kitchen, tmp_path, fails):
     (tmp_path / "out.mcap").write_text("mine")
     into = tmp_path / "k.map"
     assert "exists" in fails("map", kitchen, "--into", into, "--mcap", tmp_path / "out.mcap")
@@ -81,9 +76,7 @@ def test_the_map_of_then_is_exported(lab: Path, tmp_path: Path) -> None:
         assert bool(json.loads(out.read_text("utf-8"))["rooms"]) is has_rooms
 
 
-def test_pictures_of_objects_are_copied(
-    kitchen_map: Path, tmp_path: Path, fails: Callable[..., str]
-) -> None:
+def test_pictures_of_objects_are_copied(kitchen_map, tmp_path, fails):
     out, folder = tmp_path / "rooms.json", tmp_path / "shots"
     with open_map(kitchen_map, read_only=True) as semantic_map:
         kept = {one.iri: ObjectPictures(kitchen_map).path_of(one) for one in semantic_map.objects()}
@@ -98,9 +91,7 @@ def test_pictures_of_objects_are_copied(
     )
 
 
-def test_what_cannot_be_written_is_one_line(
-    lab: Path, tmp_path: Path, fails: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_written_is_one_line(lab, tmp_path, fails, monkeypatch):
     assert "cannot write" in fails("export", lab, "-o", tmp_path / "nowhere" / "m.mcap")
     assert "did you mean mcap" in fails("export", lab, "-o", tmp_path / "m", "--format", "mcapp")
     assert "--find needs one of" in fails("export", lab, "-o", tmp_path / "m.ttl", "--find", "cup")

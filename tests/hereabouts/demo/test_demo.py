@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import math
 import multiprocessing
@@ -148,9 +146,7 @@ def test_an_earlier_demo_is_cleared_away(report: DemoReport, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("written", ["assertion", "title", "file", "map.ttl", "map.png"])
-def test_what_a_person_added_to_a_demo_stays_until_told(
-    report: DemoReport, tmp_path: Path, written: str
-) -> None:
+def test_what_a_person_added_to_a_demo_stays_until_told(report, tmp_path, written):
     folder = tmp_path / "again"
     shutil.copytree(report.map_path.parent, folder)
     if written in ("assertion", "title"):

@@ -1,7 +1,5 @@
 """What exported maps are to the OWLAPI and to HermiT: whole, OWL 2 DL, consistent."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess
@@ -78,9 +76,7 @@ def owlapi(*words: str | Path) -> str:
 
 
 @NEEDS_OWLAPI
-def test_the_owlapi_opens_an_export_offline_as_consistent_owl_2_dl(
-    full: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_owlapi_opens_an_export_offline_as_consistent_owl_2_dl(full, tmp_path):
     paths = [tmp_path / name for name in ("flat.ttl", "flat.rdf")]
     for path in paths:
         export_map(full, path)
@@ -172,9 +168,7 @@ def saved(full: SemanticMap, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 
 @NEEDS_OWLAPI
 @pytest.mark.parametrize(("form", "kind"), [("ttl", RdfFormat.TURTLE), ("xml", RdfFormat.RDF_XML)])
-def test_an_export_that_the_owlapi_saves_again_has_the_same_triples(
-    saved: tuple[Path, Path], form: str, kind: RdfFormat
-) -> None:
+def test_an_export_that_the_owlapi_saves_again_has_the_same_triples(saved, form, kind):
     (again,) = (saved[1] / form).iterdir()
     before = canonical(parse(path=str(saved[0])))
     assert canonical(parse(path=str(again), format=kind)) == before

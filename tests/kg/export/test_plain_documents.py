@@ -1,7 +1,5 @@
 """Plain documents: GeoJSON, CSV."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Exported files parse again to the same triples, and carry geometries other tools read."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import replace
@@ -52,9 +50,7 @@ def chart() -> SemanticMap:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_every_format_reads_back_as_the_same_triples(
-    chart: SemanticMap, tmp_path: Path, form: str
-) -> None:
+def test_every_format_reads_back_as_the_same_triples(chart, tmp_path, form):
     path = tmp_path / f"lab{FORMATS[form][0]}"
     export_map(chart, path, ontology=False)
     back = Store()
@@ -114,9 +110,7 @@ def test_turtle_is_short_to_read_and_the_same_each_time(chart: SemanticMap) -> N
 
 
 @pytest.mark.parametrize("arguments", [("lab.txt",), ("lab.ttl", "turtel")])
-def test_unknown_formats_are_told_which_there_are(
-    chart: SemanticMap, tmp_path: Path, arguments: tuple[str, ...]
-) -> None:
+def test_unknown_formats_are_told_which_there_are(chart, tmp_path, arguments):
     with pytest.raises(GraphError, match="ttl, trig, nq, nt, jsonld, rdfxml"):
         export_map(chart, tmp_path / arguments[0], *arguments[1:])
     assert list(tmp_path.iterdir()) == []

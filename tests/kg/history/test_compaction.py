@@ -1,7 +1,5 @@
 """Compaction and durability of the history."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -42,9 +40,7 @@ while True:
 """
 
 
-def test_the_past_before_the_edge_goes_and_the_rest_stays(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_past_before_the_edge_goes_and_the_rest_stays(written, frame, monkeypatch):
     with monkeypatch.context() as clock:
         ago = time.time() - 3600
         clock.setattr(time, "time", lambda: ago)
@@ -136,9 +132,7 @@ def _ten_objects(base: str, number: int) -> MapUpdate:
     )
 
 
-def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(written, frame, monkeypatch):
     monkeypatch.setattr(maintenance, "TRIM_WITHIN", 0)  # a little at each flush
     with written(30) as semantic_map:
         path, now = semantic_map.store.where, set(semantic_map.engine)
@@ -186,9 +180,7 @@ def test_subjects_without_changes_leave_the_history(written: Written) -> None:
         assert [entry.words for entry in entries] == ["label pot"]
 
 
-def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(
-    written: Written, tmp_path: Path
-) -> None:
+def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(written, tmp_path):
     written(1).close()
     path, rng = tmp_path / "flat.map", random.Random(11)
     for _ in range(2):
@@ -213,9 +205,7 @@ def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(
                 assert set(now.engine) == set(semantic_map.engine)
 
 
-def test_several_that_flush_at_once_while_the_map_is_written(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_several_that_flush_at_once_while_the_map_is_written(written, frame, monkeypatch):
     monkeypatch.setattr(log_module, "KEY_FRAME_AFTER", 0)
     with written(5) as semantic_map:
         semantic_map.history.retain(0.05)

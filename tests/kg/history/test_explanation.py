@@ -1,12 +1,9 @@
 """Changes in lines, and why a fact holds."""
 
-from __future__ import annotations
-
 import shutil
 import zlib
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -67,9 +64,7 @@ def test_a_change_comes_back_from_its_bytes(removed: set[Quad], added: set[Quad]
 
 
 @given(sets, sets, subjects)
-def test_one_subject_is_picked_from_a_change(
-    removed: set[Quad], added: set[Quad], subject: NamedNode | BlankNode
-) -> None:
+def test_one_subject_is_picked_from_a_change(removed, added, subject):
     name = str(subject).encode()
     whole, part = (lines_of(removed), lines_of(added)), _CODEC.encode
     picked = _CODEC.change_about(part(*whole), name)
@@ -177,9 +172,7 @@ def test_what_a_person_said_leads_to_the_person(written: Written) -> None:
         assert _steps(mapped, "person") == []
 
 
-def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(
-    written: Written, tmp_path: Path
-) -> None:
+def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(written, tmp_path):
     with written(3) as semantic_map:
         semantic_map.assertions.add("object/1", "category", "bowl", by="ann")
         semantic_map.assertions.add("object/1", "position", (1, 2, 0.5), by="bob")
@@ -245,9 +238,7 @@ def test_explanations_as_triples(written: Written) -> None:
     assert said[v.PROV_GENERATED_BY] == NamedNode(base + "commit/1")
 
 
-def test_the_log_tells_each_change_in_words(
-    written: Written, frame: Callable[..., MapUpdate]
-) -> None:
+def test_the_log_tells_each_change_in_words(written, frame):
     with written(3) as semantic_map:
         semantic_map.apply(frame(3, removed=(semantic_map.base + "object/2",)))
         entries = list(semantic_map.history.events("object/2"))

@@ -1,13 +1,10 @@
 """The map as it was equals what it was, at every transaction and between any two."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -63,9 +60,7 @@ commits = st.lists(st.tuples(st.sets(named, max_size=6), st.sets(named, max_size
 
 @settings(max_examples=60, deadline=None)
 @given(st.sets(quads, max_size=8), commits, st.data())
-def test_every_moment_is_what_it_was(
-    first: set[Quad], changes: list[tuple[set[Quad], set[Quad]]], data: st.DataObject
-) -> None:
+def test_every_moment_is_what_it_was(first, changes, data):
     with TransactionalStore.in_memory(first) as store:
         log = attach(store, None, "urn:flat/")
         before = [set(store.engine)]
@@ -97,9 +92,7 @@ def test_blank_nodes_are_refused_for_the_log_could_not_name_them() -> None:
 
 
 @pytest.mark.parametrize("flushes", [0, 1, 5])
-def test_the_past_does_not_depend_on_where_key_frames_lie(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch, flushes: int
-) -> None:
+def test_the_past_does_not_depend_on_where_key_frames_lie(written, frame, monkeypatch, flushes):
     monkeypatch.setattr(log_module, "KEY_FRAME_AFTER", 0)
     frames = 30
     with written(1) as semantic_map:
@@ -198,9 +191,7 @@ def test_moments_that_are_not_there(written: Written, when: int | str, message: 
         semantic_map.at(when)
 
 
-def test_a_clock_set_back_does_not_turn_the_past_round(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_clock_set_back_does_not_turn_the_past_round(written, frame, monkeypatch):
     with written(3) as semantic_map:
         monkeypatch.setattr("kg.rdf.literals.time.time_ns", lambda: 10**12)
         semantic_map.apply(frame(3))
@@ -249,9 +240,7 @@ def test_a_past_that_is_dropped_while_it_is_read_is_not_half_told(written: Writt
             replay(log, PrunesWhenRead(semantic_map), 2)
 
 
-def test_a_past_state_holds_what_a_copy_made_then_holds(
-    tmp_path: Path, frame: Callable[..., MapUpdate]
-) -> None:
+def test_a_past_state_holds_what_a_copy_made_then_holds(tmp_path, frame):
     """Frames, people and changes of common sense write; questions are asked of equal stores."""
     copies: dict[int, set[Quad]] = {}
     with create_map(tmp_path / "flat.map", base="https://example.org/flat/") as made:

@@ -1,7 +1,5 @@
 """Killed between log and store, out of step, copied back: nothing acknowledged is lost."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil
@@ -22,7 +20,6 @@ from pyoxigraph import Quad
 from kg.history.storage.maintenance import FILE
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, HistoryError
-from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, open_map
 from kg.store.transactional import TransactionalStore
 from tests.kg.conftest import BASE, frame_update
@@ -100,9 +97,7 @@ def test_killed_between_log_and_store(crashed: Path, read_only: bool) -> None:
         _agrees(semantic_map)
 
 
-def test_readers_that_come_at_once_all_see_what_the_crash_kept_from_the_store(
-    crashed: Path,
-) -> None:
+def test_readers_that_come_at_once_all_see_what_the_crash_kept_from_the_store(crashed):
     together = threading.Barrier(6)
 
     def read(_: int) -> int:
@@ -135,9 +130,7 @@ def test_killed_at_any_moment(written: Written, tmp_path: Path, mode: str) -> No
 
 
 @pytest.mark.parametrize("forgets", [False, True])
-def test_an_old_copy_of_the_store_catches_up(
-    written: Written, tmp_path: Path, frame: Callable[..., MapUpdate], forgets: bool
-) -> None:
+def test_an_old_copy_of_the_store_catches_up(written, tmp_path, frame, forgets):
     path, copy = tmp_path / "flat.map", tmp_path / "copy"
     written(2).close()
     shutil.copytree(path / "store", copy)
@@ -153,9 +146,7 @@ def test_an_old_copy_of_the_store_catches_up(
         assert _facts(semantic_map) == latest
 
 
-def test_what_was_written_without_the_log_enters_it(
-    written: Written, tmp_path: Path, frame: Callable[..., MapUpdate]
-) -> None:
+def test_what_was_written_without_the_log_enters_it(written, tmp_path, frame):
     path = tmp_path / "flat.map"
     with written(3) as semantic_map:
         third = _facts(semantic_map)
@@ -198,9 +189,7 @@ def test_another_maps_log_is_refused(written: Written, tmp_path: Path) -> None:
         open_map(tmp_path / "flat.map")
 
 
-def test_a_log_of_another_format_is_refused_and_the_map_opens_without_it(
-    written: Written, tmp_path: Path
-) -> None:
+def test_a_log_of_another_format_is_refused_and_the_map_opens_without_it(written, tmp_path):
     path = tmp_path / "flat.map"
     with written(3) as semantic_map:
         semantic_map.history.log.db.execute("UPDATE meta SET value = 99 WHERE name = 'format'")
@@ -233,9 +222,7 @@ _ENDLESS = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n FROM r) SELECT n
         "CREATE INDEX other ON commits (note)",
     ],
 )
-def test_a_strangers_tables_are_refused_at_once(
-    written: Written, tmp_path: Path, script: str
-) -> None:
+def test_a_strangers_tables_are_refused_at_once(written, tmp_path, script):
     written(2).close()
     with closing(sqlite3.connect(tmp_path / "flat.map" / FILE)) as file:
         file.executescript(script)
@@ -244,9 +231,7 @@ def test_a_strangers_tables_are_refused_at_once(
             open_map(tmp_path / "flat.map", read_only=read_only)
 
 
-def test_what_the_store_refuses_is_not_in_the_log(
-    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_store_refuses_is_not_in_the_log(written, frame, monkeypatch):
     with written(2) as semantic_map:
         before = _facts(semantic_map)
 
@@ -272,9 +257,7 @@ def test_power_safe_waits_for_the_disk(tmp_path: Path) -> None:
             assert semantic_map.history.log.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
-def test_a_last_transaction_that_cannot_be_read_is_set_aside(
-    crashed: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_last_transaction_that_cannot_be_read_is_set_aside(crashed, caplog):
     path, before = crashed, 3
     with closing(sqlite3.connect(path / FILE)) as log, log:
         log.execute("UPDATE change SET data = substr(data, 1, 20) WHERE sequence > ?", (before,))

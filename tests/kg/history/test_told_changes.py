@@ -1,7 +1,5 @@
 """What the history of a thing tells people: no counters, no corrections within the uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Kills of writer, server and query worker, and a check that the check would notice."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Parts of a map are made at their first use, once for all threads."""
 
-from __future__ import annotations
-
 import threading
 import time
 

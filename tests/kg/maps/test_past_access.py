@@ -1,8 +1,6 @@
 """Objects and places of the past, by the same conditions as those of now."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import UTC, datetime
 
 import pytest
@@ -19,9 +17,7 @@ FIRST, SECOND = BASE + "object/1", BASE + "object/2"
 
 
 @pytest.fixture(params=["in memory", "on disk, reopened for reading"], scope="module")
-def lived(
-    request: pytest.FixtureRequest, frame: Frame, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[SemanticMap]:
+def lived(request, frame, tmp_path_factory):
     """A map of six frames whose second chair then left it."""
     path = tmp_path_factory.mktemp("past") / "flat.map"
     in_memory = request.param == "in memory"

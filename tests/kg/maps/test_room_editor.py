@@ -1,7 +1,5 @@
 """Rooms that persons draw, and outlines of places."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The front door: create, open, write, close, open again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from kg.maps.thing_names import MAX_NAME, checked_name, nearest_category

@@ -1,7 +1,5 @@
 """kg.model.areas: sides belong to it, points one by one and many at once, union."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely import LinearRing

@@ -1,7 +1,5 @@
 """Boxes turned about the vertical: corners, bounds, and the same box by other sides."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Names of places: a kind is not said twice, and is known all the same."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.model.place_names import in_brackets, likely_kind
@@ -19,9 +17,7 @@ from kg.model.place_names import in_brackets, likely_kind
         ("officehome", 0.9, "home office", " (home office)"),
     ],
 )
-def test_a_name_that_has_its_kind_gets_no_brackets(
-    name: str, belief: float, kind: str, brackets: str
-) -> None:
+def test_a_name_that_has_its_kind_gets_no_brackets(name, belief, kind, brackets):
     beliefs = {"HomeOffice": belief, "Kitchen": 0.1}
     label = {"HomeOffice": "home office", "Kitchen": "kitchen"}.__getitem__
     assert likely_kind(beliefs, label) == kind

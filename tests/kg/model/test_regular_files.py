@@ -1,10 +1,7 @@
 """Files of others that have no end or no room: refused in one line wherever they are read."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -31,9 +28,7 @@ from planner.freespace.map_server import read_grid
     ],
 )
 @pytest.mark.parametrize("target", ["pipe", "/dev/zero"])
-def test_pipes_and_devices_are_refused_at_once(
-    tmp_path: Path, read: Callable[[Path], object], ending: str, target: str
-) -> None:
+def test_pipes_and_devices_are_refused_at_once(tmp_path, read, ending, target):
     path = tmp_path / f"one{ending}"
     if target == "pipe":
         os.mkfifo(path)

@@ -1,7 +1,5 @@
 """Names with escapes are written as full IRIs; nothing else of a document changes."""
 
-from __future__ import annotations
-
 import re
 
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A folder that is written is open: other processes of its user read it, and edit through it."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal
@@ -163,9 +161,7 @@ def test_wrong_arguments_are_the_callers_error_and_end_nothing(writer: SemanticM
         assert other.assertions.add("object/1", "label", "throne", by="ann") is not None
 
 
-def test_who_holds_the_map_delays_its_writer_for_a_limited_time(
-    writer: SemanticMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_holds_the_map_delays_its_writer_for_a_limited_time(writer, monkeypatch):
     held = 0.5
     monkeypatch.setattr(folder_server, "HELD", held)
     with open_map(path_of(writer)) as editor:
@@ -271,9 +267,7 @@ def test_a_map_that_nobody_holds_is_free(tmp_path: Path) -> None:
     open_map(tmp_path / "a.map", exclusive=True).close()
 
 
-def test_a_writer_that_is_stopped_does_not_hold_a_reader_for_a_minute(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_writer_that_is_stopped_does_not_hold_a_reader_for_a_minute(written, monkeypatch):
     monkeypatch.setattr(folder_server, "_SOON", 0.5)
     with written(3) as semantic_map:
         path = path_of(semantic_map)

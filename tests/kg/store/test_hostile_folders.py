@@ -1,7 +1,5 @@
 """Folders of strangers, and folders whose writer was killed: reading them writes nothing."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shutil
@@ -76,9 +74,7 @@ def copied(path: Path, copy: Path) -> None:
 @pytest.fixture(
     scope="module", params=["closed", "killed", "behind", "without its index", "without a lock"]
 )
-def left(
-    request: pytest.FixtureRequest, made: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def left(request, made, tmp_path_factory):
     """A map after its writer was closed, or killed after or before the store had all."""
     path = shutil.copytree(made, tmp_path_factory.mktemp("left") / "a.map")
     copy = path.with_name("left.map")
@@ -125,9 +121,7 @@ def test_a_journal_beside_a_database_deletes_nothing(path: Path, tmp_path: Path,
 
 
 @pytest.mark.parametrize("read_only", [True, False])
-def test_whoever_opens_a_database_of_a_map_refuses_a_journal(
-    path: Path, tmp_path: Path, read_only: bool
-) -> None:
+def test_whoever_opens_a_database_of_a_map_refuses_a_journal(path, tmp_path, read_only):
     victim = tmp_path / "thesis.tex"
     victim.write_text("years of work")
     for name in ("history", "surface"):
@@ -148,9 +142,7 @@ def test_whoever_opens_a_database_of_a_map_refuses_a_journal(
         *(("store/CURRENT", "pipe"), ("store/000005.log", "link"), ("scratch", "broken link")),
     ],
 )
-def test_links_and_pipes_in_a_map_are_refused_in_one_line(
-    path: Path, tmp_path: Path, name: str, kind: str
-) -> None:
+def test_links_and_pipes_in_a_map_are_refused_in_one_line(path, tmp_path, name, kind):
     target = tmp_path / "mine"
     if kind == "link":
         target.write_text("mine")

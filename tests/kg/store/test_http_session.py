@@ -1,13 +1,10 @@
 """Credentials and sessions of HTTP."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 
 import pytest
 import requests
@@ -89,9 +86,7 @@ def test_a_connection_is_kept_for_the_next_request(server: Server, session: Http
     assert server.requests == [[b"GET", b"POST", b"GET"]]
 
 
-def test_a_read_is_repeated_where_its_connection_ends_and_a_write_is_not(
-    server: Server, session: HttpSession
-) -> None:
+def test_a_read_is_repeated_where_its_connection_ends_and_a_write_is_not(server, session):
     server.limit = 1
     send(session, server.url)
     assert send(session, server.url) == b"ok"
@@ -101,18 +96,14 @@ def test_a_read_is_repeated_where_its_connection_ends_and_a_write_is_not(
     assert server.requests == [[b"GET"] * 2, [b"GET", b"POST"]]
 
 
-def test_a_connection_idle_for_long_is_not_used_again(
-    server: Server, session: HttpSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_connection_idle_for_long_is_not_used_again(server, session, monkeypatch):
     monkeypatch.setattr(http_session, "IDLE", 0.0)
     for _ in range(2):
         send(session, server.url, "POST")
     assert server.requests == [[b"POST"], [b"POST"]]
 
 
-def test_an_interrupt_wakes_a_thread_that_waits_for_a_reply(
-    server: Server, session: HttpSession
-) -> None:
+def test_an_interrupt_wakes_a_thread_that_waits_for_a_reply(server, session):
     failures: list[Exception] = []
 
     def wait() -> None:
@@ -227,9 +218,7 @@ def test_no_other_server_gets_it(trusted: Listener, listen: Callable[..., Listen
     assert len(other.heard) >= 6
 
 
-def test_no_redirect_carries_it_elsewhere(
-    listen: Callable[..., Listener], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_redirect_carries_it_elsewhere(listen, monkeypatch):
     other = listen()
     trusted = listen(other.url)
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
@@ -261,9 +250,7 @@ def test_only_the_very_origin_is_its_server(url: str, monkeypatch: pytest.Monkey
     assert token_for("http://maps.example.org:8008/") is None
 
 
-def test_a_file_has_tokens_of_several_servers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_has_tokens_of_several_servers(tmp_path, monkeypatch):
     file = tmp_path / "tokens"
     file.write_text("# ours\nhttp://a.example TOKEN-A\nhttps://b.example:8443/map TOKEN-B\n")
     monkeypatch.setenv("HEREABOUTS_TOKEN_FILE", str(file))

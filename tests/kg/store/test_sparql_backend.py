@@ -1,7 +1,5 @@
 """Other SPARQL servers as stores."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading
@@ -57,9 +55,7 @@ def fill(semantic_map: SemanticMap) -> None:
 
 
 @pytest.fixture(scope="module", params=[running_server, running_virtuoso])
-def filled(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[SemanticMap, SemanticMap]]:
+def filled(request, tmp_path_factory):
     """The same map published on a server and in memory."""
     with (
         request.param(tmp_path_factory.mktemp("server")) as address,
@@ -91,17 +87,13 @@ def server_with_map(sparql_server: str) -> str:
         ("why-object", {"object": BASE + "object/3"}),
     ],
 )
-def test_shipped_questions_are_answered_alike(
-    filled: tuple[SemanticMap, SemanticMap], question: str, parameters: dict[str, object]
-) -> None:
+def test_shipped_questions_are_answered_alike(filled, question, parameters):
     remote, local = filled
     assert isinstance(remote.engine, SparqlBackend)
     assert remote.query(question, **parameters) == local.query(question, **parameters)
 
 
-def test_a_distance_is_right_although_servers_know_no_square_root(
-    filled: tuple[SemanticMap, SemanticMap],
-) -> None:
+def test_a_distance_is_right_although_servers_know_no_square_root(filled):
     remote, _ = filled
     rows = remote.query("objects-within-radius", x=2.25, y=1.0, radius=2.5).records()
     assert [row["label"] for row in rows] == ["chair 2", "chair 3", "chair 4"]
@@ -133,9 +125,7 @@ def test_a_published_map_is_exported_as_its_folder(filled: tuple[SemanticMap, Se
 
 @pytest.mark.parametrize("write", [open_map, open_or_create_map, create_map])
 @pytest.mark.parametrize("is_empty", [True, False])
-def test_nobody_writes_a_map_on_a_server_of_another_make(
-    write: Callable[[str], SemanticMap], is_empty: bool, request: pytest.FixtureRequest
-) -> None:
+def test_nobody_writes_a_map_on_a_server_of_another_make(write, is_empty, request):
     address = request.getfixturevalue("sparql_server" if is_empty else "server_with_map")
     told = f"http://someone:secret@{address.removeprefix('http://')}"
     with pytest.raises(GraphError, match=f"hereabouts publish FOLDER --to {address}$") as caught:

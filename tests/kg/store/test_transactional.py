@@ -1,7 +1,5 @@
 """Transactions, on a full disk too, and the memory of the process."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import subprocess

@@ -1,7 +1,5 @@
 """Inferred types: every form of a query, states of the past, changes of the ontology, old maps."""
 
-from __future__ import annotations
-
 import queue
 from collections.abc import Iterator
 from pathlib import Path

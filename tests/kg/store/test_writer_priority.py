@@ -1,16 +1,12 @@
 """Readers of a process wait for its writer, and neither waits for ever."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 
-from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
 from kg.serving.opening import in_memory_map
 from kg.store import scheduling as writer_priority
@@ -70,9 +66,7 @@ def test_a_writer_that_waits_for_its_reader_is_waited_for_but_a_moment() -> None
 @pytest.mark.parametrize(
     "read", [lambda found: found.query("robot"), lambda found: found.objects()]
 )
-def test_questions_and_records_yield_to_the_writer(
-    read: Callable[[SemanticMap], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_questions_and_records_yield_to_the_writer(read, monkeypatch):
     monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     seen: list[bool] = []
     with in_memory_map() as found:
@@ -103,9 +97,7 @@ def test_reading_in_pieces_yields_before_the_first(monkeypatch: pytest.MonkeyPat
     assert read == [*range(7)]
 
 
-def test_a_writer_that_ends_amid_a_collection_harms_no_reader(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_writer_that_ends_amid_a_collection_harms_no_reader(monkeypatch):
     # a collection calls back into Python, where another thread may take over: here it always does,
     # and a writer begins or ends each time
     done = threading.Event()

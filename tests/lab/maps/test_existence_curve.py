@@ -1,7 +1,5 @@
 """Average precision and best F1 over existence, each worked out by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

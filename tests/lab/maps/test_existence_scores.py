@@ -1,7 +1,5 @@
 """Scores against a complete truth: each rule by hand, and the data set's own scoring script."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

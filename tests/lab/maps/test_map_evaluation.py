@@ -1,7 +1,5 @@
 """Evaluation of maps, and of identity over sessions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Relations against a truth, each worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +14,7 @@ from lab.maps.truth_matching import TruthMatcher
 CUP = (0.1, 0.1, 0.1)
 
 
-def entry(
-    name: str, label: str, position: tuple[float, ...], extent: tuple[float, ...], on: str | None
-) -> TrueObject:
+def entry(name, label, position, extent, on):
     return TrueObject(name, label, np.array(position), extent=extent, on=on)
 
 

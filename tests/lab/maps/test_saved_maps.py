@@ -1,7 +1,5 @@
 """The thesis author's saved maps: read into a map, and written back."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -84,9 +82,7 @@ CHAIR = {"label": "chair", "confidence": 1, "ndetections": 2, "pos": {"x": 0, "y
         ({"objects": []}, InvalidFactError, "must be a list"),
     ],
 )
-def test_a_bad_file_is_one_line_and_nothing_is_written(
-    tmp_path: Path, entries: object, error: type[Exception], reason: str
-) -> None:
+def test_a_bad_file_is_one_line_and_nothing_is_written(tmp_path, entries, error, reason):
     path = tmp_path / "objects.json"
     path.write_text(json.dumps(entries))
     chart = in_memory_map()

@@ -1,7 +1,5 @@
 """Evaluation of networks."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

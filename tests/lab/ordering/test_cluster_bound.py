@@ -1,7 +1,5 @@
 """Bounds from nested clusters hold for every order, whatever is taken off the legs."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -46,9 +44,7 @@ def least(reduced: ReducedProblem) -> float:
 
 @settings(max_examples=80, deadline=None)
 @given(reduced_problems(), st.integers(0, 1000), st.sampled_from([0.0, 1.0, 50.0, 500.0]))
-def test_clusters_bound_every_order_at_any_price(
-    reduced: ReducedProblem, seed: int, size: float
-) -> None:
+def test_clusters_bound_every_order_at_any_price(reduced, seed, size):
     rng, m, optimum = np.random.default_rng(seed), reduced.size, least(reduced)
     slack = 1e-9 * (1 + optimum + size)
     for _ in range(4):
@@ -122,9 +118,7 @@ def test_bounds_hold_where_probabilities_are_tiny(least_chance: float) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("size", [1e6, 1e9, 1e12])
-def test_prices_that_cancel_each_other_change_a_bound_by_rounding_only(
-    model: str, size: float
-) -> None:
+def test_prices_that_cancel_each_other_change_a_bound_by_rounding_only(model, size):
     for seed in range(8):
         problem = scattered(12, seed, model)
         reduced = reduce_problem(problem)

@@ -1,7 +1,5 @@
 """`python -m lab.ordering` answers in the file's own format, and refuses what makes no sense."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -41,18 +39,14 @@ def test_plans_are_written_and_summed_up(tmp_path: Path, prints: Callable[..., s
     assert (row["places"], row["queries"], row["proven"]) == (3, 2, 2)
 
 
-def test_a_hyphen_is_stdout(
-    tmp_path: Path, prints: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hyphen_is_stdout(tmp_path, prints, monkeypatch):
     monkeypatch.chdir(tmp_path)
     problems = write(tmp_path, document())
     assert set(json.loads(prints("lab.ordering", problems, "-o", "-"))) == {"single", "any"}
     assert list(tmp_path.iterdir()) == [problems]
 
 
-def test_more_places_than_can_be_proven_are_ordered_with_a_bound(
-    tmp_path: Path, prints: Callable[..., str]
-) -> None:
+def test_more_places_than_can_be_proven_are_ordered_with_a_bound(tmp_path, prints):
     n, plans = 20, tmp_path / "plans.json"
     places = [{"id": k, "explore_s": 10.0} for k in range(n)]
     T = [[5.0 * abs(i - j) for j in range(n)] for i in range(n)]
@@ -64,9 +58,7 @@ def test_more_places_than_can_be_proven_are_ordered_with_a_bound(
     assert 0 < answer["lower_bound"] <= answer["expected_seconds"]
 
 
-def test_the_reference_problems_are_all_answered(
-    tmp_path: Path, shared: Callable[[str], Path], prints: Callable[..., str]
-) -> None:
+def test_the_reference_problems_are_all_answered(tmp_path, shared, prints):
     source = shared("data/search/problems_reference.json")
     plans = tmp_path / "plans.json"
     assert prints("lab.ordering", source, "-o", plans) == ""
@@ -115,9 +107,7 @@ def broken(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         (broken(lambda d: d["queries"][1].update(id="single")), "ids must differ"),
     ],
 )
-def test_files_that_make_no_sense_are_one_line_errors(
-    tmp_path: Path, fails: Callable[..., str], value: object, says: str
-) -> None:
+def test_files_that_make_no_sense_are_one_line_errors(tmp_path, fails, value, says):
     plans = tmp_path / "plans.json"
     assert says in fails("lab.ordering", write(tmp_path, value), "-o", plans)
     assert not plans.exists()
@@ -129,9 +119,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, fails: Callable[..
     assert "cannot write" in fails("lab.ordering", problems, "-o", tmp_path / "no" / "plans")
 
 
-def test_a_query_without_any_probability_is_ordered_without_a_time(
-    tmp_path: Path, prints: Callable[..., str]
-) -> None:
+def test_a_query_without_any_probability_is_ordered_without_a_time(tmp_path, prints):
     value = broken(lambda d: d["queries"][0].update(p=[0, 0, 0]))
     plans = tmp_path / "plans.json"
     rows = json.loads(prints("lab.ordering", write(tmp_path, value), "-o", plans, "--json"))

@@ -1,7 +1,5 @@
 """Orders are optimal where they say so, bounds hold, and every answer is a permutation."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable

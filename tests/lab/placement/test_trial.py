@@ -1,7 +1,5 @@
 """The trial: what ships is what was fitted, and the blend does better than its parts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -56,9 +54,7 @@ def test_a_home_is_judged_without_its_own_rooms(data: TrialData) -> None:
     assert (everything == everything[0]).all()
 
 
-def test_homes_that_the_statistics_cannot_have_counted_are_noticed(
-    shared: Shared, tmp_path: Path
-) -> None:
+def test_homes_that_the_statistics_cannot_have_counted_are_noticed(shared, tmp_path):
     home = {"scene": "h", "rooms": [{"label": "toilet", "coco": {"toilet": 1}}] * 30}
     (tmp_path / "h.json").write_text(json.dumps(home))
     found = load(replace(sources(shared), homes=tmp_path, s3dis=None))
@@ -90,9 +86,7 @@ def test_what_is_no_home_is_refused(tmp_path: Path, shared: Shared, text: str) -
         load(replace(sources(shared), homes=tmp_path))
 
 
-def test_the_command_says_in_one_line_what_is_missing(
-    tmp_path: Path, shared: Shared, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_in_one_line_what_is_missing(tmp_path, shared, capsys):
     counts = str(shared("data/homes/hm3d_room_object_counts.csv"))
     command = ["--homes", str(tmp_path), "--statistics", counts]
     assert main(command) == 1

@@ -1,7 +1,5 @@
 """Pictures of an evaluation: what is written, where outlines lie, which paths are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

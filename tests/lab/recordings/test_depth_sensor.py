@@ -1,14 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 
 from lab.recordings.simulated_recording import KINECT
 from planner.simulation.camera import DepthSensor
 
 
-def measured(
-    depth: np.ndarray, sensor: DepthSensor = KINECT, incidence: float = 1.0, returns: bool = True
-) -> np.ndarray:
+def measured(depth, sensor=KINECT, incidence=1.0, returns=True):
     shape = depth.shape
     return sensor.measure(
         depth.astype(np.float32),

@@ -1,7 +1,5 @@
 """Senses of trials: uneven faults, clutter, and what the border cuts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi
 

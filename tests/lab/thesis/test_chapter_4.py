@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +12,7 @@ from lab.thesis.registration import counted, printed
 DOCUMENT = Path(__file__).resolve().parents[3] / "lab" / "research" / "chapter_4.md"
 
 
-def test_the_document_has_what_the_command_prints_of_localisation(
-    prints: Callable[..., str],
-) -> None:
+def test_the_document_has_what_the_command_prints_of_localisation(prints):
     said = prints("lab.thesis", "4.1")
     assert said.count("| 4.2 |") == 3
     assert said in DOCUMENT.read_text(encoding="utf-8").replace(
@@ -73,7 +68,5 @@ def test_filters_agree_on_views_that_are_clear_and_the_prior_knows_no_bathroom()
     assert found == {"bayes": 100, "bayes_prior": 50, "mean": 100, "mean_prior": 50}
 
 
-def test_table_4_4_without_photographs_is_refused_where_the_folder_holds_none(
-    fails: Callable[..., str], tmp_path: Path
-) -> None:
+def test_table_4_4_without_photographs_is_refused_where_the_folder_holds_none(fails, tmp_path):
     assert "kitchen/*.jpg" in fails("lab.thesis", "4.4", "--photographs", tmp_path)

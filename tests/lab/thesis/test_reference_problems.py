@@ -1,7 +1,5 @@
 """The benchmark's search problems in the thesis' building agree with what the graph derives."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans carried out against a hidden truth cost what they should."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,9 +21,7 @@ start = st.tuples(coordinate, coordinate)
 
 
 @given(start, goals, st.integers(0, 2**32 - 1))
-def test_a_search_costs_what_its_first_hit_costs(
-    begin: tuple[float, float], given_goals: list[Goal], seed: int
-) -> None:
+def test_a_search_costs_what_its_first_hit_costs(begin, given_goals, seed):
     plan = in_order(begin, given_goals)
     present = np.random.default_rng(seed).random(len(given_goals)) < 0.5
     shown = {g.iri for g, here in zip(given_goals, present, strict=True) if here}

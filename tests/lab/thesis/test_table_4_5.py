@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -47,17 +45,13 @@ def test_every_row_that_contradicts_itself_is_corrected_and_no_other() -> None:
     assert starts == {"apple", "pizza"}
 
 
-def test_the_ontologys_rule_explores_the_published_number_of_rooms_in_all_18(
-    rows: tuple[TableRow, ...],
-) -> None:
+def test_the_ontologys_rule_explores_the_published_number_of_rooms_in_all_18(rows):
     assert len(rows) == 18
     assert all(row.ontology.found is not None for row in rows)
     assert [row.ontology.explored for row in rows] == [row.scenario.published.n_r for row in rows]
 
 
-def test_brute_force_does_so_in_15_and_never_misses_by_more_than_one(
-    rows: tuple[TableRow, ...],
-) -> None:
+def test_brute_force_does_so_in_15_and_never_misses_by_more_than_one(rows):
     differing = {
         row.scenario.target: row.brute.explored - row.scenario.published.n_b
         for row in rows
@@ -75,9 +69,7 @@ def test_times_and_ratios_come_close_to_the_published_ones(table: ThesisTable) -
     assert summary.ratio_of_means == pytest.approx(2.51, abs=0.005)  # published 2.480
 
 
-def test_as_printed_the_rows_agree_in_14_and_10_by_poses_and_in_17_and_13_by_places(
-    table: ThesisTable,
-) -> None:
+def test_as_printed_the_rows_agree_in_14_and_10_by_poses_and_in_17_and_13_by_places(table):
     assert [(one.n_r, one.n_b) for one in table.uncorrected] == [(14, 10), (17, 13)]
     assert "six rows corrected" in table.to_markdown()
 

@@ -1,7 +1,5 @@
 """Checks of frames and poses, and frames read ahead."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Key views beside a map: bounded, in step with its transactions, moved with corrected poses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

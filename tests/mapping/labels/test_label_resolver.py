@@ -1,7 +1,5 @@
 """Labels of detectors and the categories that they mean."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

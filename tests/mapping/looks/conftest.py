@@ -1,7 +1,5 @@
 """Maps whose objects have pictures cut from photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -56,9 +54,7 @@ def furnished(tmp_path, make_object):
         semantic_map.close()
 
 
-def add_things(
-    semantic_map, make_object, *things, recording: str = "room", first_seen: float = 0.0
-) -> list[str]:
+def add_things(semantic_map, make_object, *things, recording="room", first_seen=0.0):
     """Add objects with pictures, first seen so many seconds later; returns their IRIs."""
     records = []
     for place, (category, _) in enumerate(things):

@@ -1,7 +1,5 @@
 """Looks of objects: by words, and of moved ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

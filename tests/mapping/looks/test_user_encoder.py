@@ -1,7 +1,5 @@
 """The user's encoder: texts against real crops, absent words, and maps of other encoders."""
 
-from __future__ import annotations
-
 import csv
 import os
 

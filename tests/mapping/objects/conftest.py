@@ -1,8 +1,6 @@
 """Sightings and tracks of things with given boxes, for the Bayes mapper's parts."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -36,15 +34,7 @@ def usual_size() -> SizeOf:
 def make_sighting() -> Callable[..., ThingSighting]:
     """Callable: scores by category, position [m] -> sighting of a cube at it, 2 m away."""
 
-    def make(
-        scores: Mapping[str, float],
-        p_map: Sequence[float],
-        *,
-        size: float = 0.1,
-        sides: Sequence[float] | None = None,
-        cut: bool = False,
-        detector: str = "",
-    ) -> ThingSighting:
+    def make(scores, p_map, *, size=0.1, sides=None, cut=False, detector=""):
         at = np.array(p_map, dtype=np.float64)
         half = np.full(3, size / 2) if sides is None else np.array(sides) / 2
         return ThingSighting(

@@ -1,7 +1,5 @@
 """A room before a camera that steps back, with a real mapper and a real map in memory."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sightings, and their association with objects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 

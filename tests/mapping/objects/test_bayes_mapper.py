@@ -1,7 +1,5 @@
 """The Bayes mapper on frames of one room: a real mapper, a real map in memory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,9 +1,7 @@
 """Many ways in which people and perception agree, contradict each other and change their minds."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +19,7 @@ from mapping.mapper import MAX_ATTEMPTS
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
-from perception.frames import Frame
-from tests.mapping.correction_scripts import SCRIPTS, Script
+from tests.mapping.correction_scripts import SCRIPTS
 from tests.mapping.correction_stage import BASE, ROOM, Acts, Stage, as_told, halves, play, runs
 
 TOKEN = "a-token-of-the-tests-0123"
@@ -67,9 +64,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[SemanticMap, str]]
 
 @pytest.mark.parametrize("script", SCRIPTS[6::14], ids=lambda script: script.name)
 @pytest.mark.parametrize("afar", [True, False], ids=["people afar", "people beside the server"])
-def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
-    script: Script, afar: bool, make_frame: Callable[..., Frame], served: tuple[SemanticMap, str]
-) -> None:
+def test_a_mapper_writes_into_a_served_map_as_into_its_folder(script, afar, make_frame, served):
     semantic_map, url = served
     with open_map(url) as mapper, open_map(url) as people:
         for steps in runs(script.steps):
@@ -79,11 +74,8 @@ def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
 
 @pytest.mark.parametrize("times", [2, MAX_ATTEMPTS])
 def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
-    times: int,
-    make_frame: Callable[..., Frame],
-    served: tuple[SemanticMap, str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    times, make_frame, served, monkeypatch
+):
     semantic_map, url = served
     with open_map(url) as far:
         assert isinstance(far, RemoteMap)
@@ -111,9 +103,7 @@ def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
         assert (frames, [r.frames_applied for r in semantic_map.recordings()]) == (2, [2, 2])
 
 
-def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(
-    served: tuple[SemanticMap, str], make_frame: Callable[..., Frame]
-) -> None:
+def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(served, make_frame):
     other, url = served
     with open_map(url) as semantic_map:
         mapper = ReferenceObjectMapper(semantic_map, ReferenceSettings())

@@ -1,7 +1,5 @@
 """Existence and absence, by looks, sizes and rays."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

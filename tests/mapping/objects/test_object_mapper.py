@@ -1,7 +1,5 @@
 """The mapper of objects, its changes, and learnt categories."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Detections that have positions already, without a depth image."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The store of tracks beside a map: a run that ended, however it did, goes on as it was."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import os
@@ -28,7 +26,7 @@ from perception.frames import Detections, Frame
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house_robot import SimulatedTour
 
-FRAMES = 44
+FRAMES = 30
 _NO_BOX = (
     "UPDATE tracks SET state = json_set(state, '$.box', json('[0,0,0,1,-1,1,9]')) WHERE number"
 )
@@ -91,9 +89,7 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object
     return found
 
 
-def test_a_run_that_is_killed_makes_the_same_map(
-    tmp_path: Path, uninterrupted: list[tuple[object, ...]]
-) -> None:
+def test_a_run_that_is_killed_makes_the_same_map(tmp_path, uninterrupted):
     create_map(tmp_path / "a.map").close()
     program = (
         "import runpy, sys; from pathlib import Path; from kg.serving.opening import open_map\n"

@@ -1,7 +1,5 @@
 """Tracks: evidence of one thing adds up, and is read again from what was written of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Inverse sensor model: points of one frame become free, occupied and viewed cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Depth becomes a floor: what is free, what stands there, what nobody has seen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -47,12 +45,7 @@ def rendered(boxes: tuple[Box, ...], T: np.ndarray, floor: float) -> np.ndarray:
 def look() -> Look:
     """Callable: boxes -> a frame from (x, y, z), looking along x and 20 degrees down."""
 
-    def frame(
-        *boxes: Box,
-        at: tuple[float, float, float] = (0.0, 0.0, 1.2),
-        floor: float = 0.0,
-        stamp: float = 1e9,
-    ) -> Frame:
+    def frame(*boxes, at=(0.0, 0.0, 1.2), floor=0.0, stamp=1e9):
         down = np.radians(20)
         forward = np.array([np.cos(down), 0.0, -np.sin(down)])
         T = np.eye(4)

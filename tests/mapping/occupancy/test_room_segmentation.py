@@ -1,7 +1,5 @@
 """Rooms of a mapped floor."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -121,16 +119,7 @@ def test_any_floor_has_valid_outlines(states):
         assert inside.mean() > 0.5
 
 
-def tile(
-    column: int = 0,
-    row: int = 0,
-    *,
-    free: int = 4,
-    storey: int = 0,
-    height: float = 0.0,
-    side: int = 4,
-    resolution: float = 0.1,
-) -> FloorTile:
+def tile(column=0, row=0, *, free=4, storey=0, height=0.0, side=4, resolution=0.1):
     """A tile with that many free cells along its first row."""
     cells = np.full((side, side), UNKNOWN, np.uint8)
     cells[0, :free] = FREE

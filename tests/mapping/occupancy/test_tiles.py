@@ -1,7 +1,5 @@
 """Occupancy tiles: frames add to log-odds, from which cells are classified."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -41,9 +39,7 @@ def test_what_was_tall_for_long_becomes_low_within_nine_frames() -> None:
 
 
 @pytest.mark.parametrize(("written", "contrary"), [(FREE, TOP), (LOW, EMPTY), (TALL, EMPTY)])
-def test_a_written_state_outlasts_one_frame_to_the_contrary(
-    written: int, contrary: TileEvidence
-) -> None:
+def test_a_written_state_outlasts_one_frame_to_the_contrary(written, contrary):
     states = np.full(NOTHING.shape, written, np.uint8)
     tile = OccupancyTile(SETTINGS, states)
     assert state(tile) == written

@@ -1,7 +1,5 @@
 """Views: tiles remember when what lies there was last viewed, and places how much of them was."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

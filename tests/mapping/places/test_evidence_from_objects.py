@@ -1,7 +1,5 @@
 """Objects count in what a place is believed to be: beside its views, or where it has none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

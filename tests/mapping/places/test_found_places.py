@@ -1,7 +1,5 @@
 """Rooms of the floor become places, which stay who they are as the floor grows."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The mapper of places, and their registry."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

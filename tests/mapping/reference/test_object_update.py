@@ -1,7 +1,5 @@
 """The thesis' rules for objects: association, updates and scores."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

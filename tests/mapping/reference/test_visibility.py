@@ -1,7 +1,5 @@
 """The thesis' rules for visibility and depth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Which object is on, inside and beside which, as objects come, move and go."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -34,9 +32,7 @@ class Room:
         self.cache = ObjectCache(self.map)
         self.relations = RelationMapper(self.map, self.cache)
 
-    def put(
-        self, label: str, position: tuple[float, ...], extent: tuple[float, ...], **fields: object
-    ) -> str:
+    def put(self, label, position, extent, **fields):
         record = ObjectRecord(
             iri=self.map.new_object_iri(),
             category=self.map.catalogue.find(label).iri,
@@ -135,9 +131,7 @@ def test_a_chair_at_a_table_is_on_nothing_and_so_is_a_bag_below_it(room: Room) -
         ("bench", (1.0, 0.4, 0.4)),
     ],
 )
-def test_furniture_is_on_no_other_where_boxes_overlap(
-    room: Room, label: str, extent: tuple[float, ...]
-) -> None:
+def test_furniture_is_on_no_other_where_boxes_overlap(room, label, extent):
     room.put(*TABLE)
     above = room.put(label, (0.1, 0.1, 0.7 + extent[2] / 2), extent)
     cup = room.put("cup", (0.1, 0.1, 0.75 + extent[2]), (0.08, 0.08, 0.1))

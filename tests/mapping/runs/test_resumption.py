@@ -1,7 +1,5 @@
 """A recording that has grown since it was mapped goes on where it was."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

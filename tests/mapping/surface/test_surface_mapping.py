@@ -1,7 +1,5 @@
 """The surface of a map: what was seen is there, what is gone is not, people never are."""
 
-from __future__ import annotations
-
 import functools
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Things without a name: found in several views, hidden in lists, kept once a person names them."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Agreement of two depth images, and the motion by which they agree."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

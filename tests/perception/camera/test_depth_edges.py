@@ -1,7 +1,5 @@
 """Colour that shows another scene than depth has edges elsewhere."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -95,7 +93,7 @@ def test_mirrored_colour_is_told_with_given_poses(house, tmp_path, caplog):
 
 
 def test_mirrored_colour_is_refused_where_poses_are_estimated(tmp_path):
-    frames = house_tour(1, 3.0)[:40]
+    frames = house_tour(1, 1.0)[:24]
     folder = written(FAULTS["mirrored"](frames, np.random.default_rng(1)), tmp_path / "house")
     with pytest.raises(RecordingError, match=r"colour does not show the scene .* --no-check"):
         open_recording(folder, RecordingOptions(estimate_poses=True))

@@ -1,7 +1,5 @@
 """Standing a world upright: against gravity as measured, hand-made transforms, and known tilts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Trajectories: interpolation between poses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given

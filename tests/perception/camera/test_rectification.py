@@ -1,7 +1,5 @@
 """Depth as the colour camera sees it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Cameras that are held on their side: told by how they turn, and turned upright with `up`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,23 +44,17 @@ def test_images_that_do_not_agree_on_up_are_not_turned(room_views: Poses) -> Non
     assert clear_turns([turned_poses(T, int(i > 1)) for i, T in enumerate(room_views)], up) == 0
 
 
-def test_what_may_lie_on_its_side_is_told_with_what_would_work(
-    on_its_side: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_may_lie_on_its_side_is_told_with_what_would_work(on_its_side, caplog):
     open_recording(on_its_side, RecordingOptions(check=False))
     assert "held on its side" in caplog.text and "--up=" in caplog.text
 
 
-def test_an_upright_camera_is_not_warned_of(
-    hololens: Callable[..., Path], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_upright_camera_is_not_warned_of(hololens, caplog):
     open_recording(hololens())
     assert not caplog.text
 
 
-def test_images_of_any_format_are_turned_upright_where_up_is_given(
-    on_its_side: Path, room_views: Poses, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_images_of_any_format_are_turned_upright_where_up_is_given(on_its_side, room_views, caplog):
     recording = open_recording(on_its_side, RecordingOptions(up="z", check=False))
     assert "turned by 90 degrees" in caplog.text and "held on" not in caplog.text
     frame = recording.frame(2)

@@ -1,7 +1,5 @@
 """Labels are read with the network, and never guessed where they do not fit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Detectors: what they find in the real kitchen, and what happens around the network."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two networks as one detector: when each looks, and whose detections are whose."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

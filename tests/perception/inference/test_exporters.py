@@ -1,7 +1,5 @@
 """Ways of exporting detectors: the kinds of the benchmark, and single numbers that decide."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

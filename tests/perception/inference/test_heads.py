@@ -1,7 +1,5 @@
 """Heads: real networks whose decoding is cut off, or written in another way, find the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import onnx
 import pytest

@@ -1,7 +1,5 @@
 """The registry of networks and fetching from it, over this machine's own loopback."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections.abc import Iterator

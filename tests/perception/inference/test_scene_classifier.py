@@ -1,7 +1,5 @@
 """The scene classifier on photographs of rooms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

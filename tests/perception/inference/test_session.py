@@ -1,7 +1,5 @@
 """Networks are opened quietly: nothing is reported, and threads are counted with care."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Rooms taught on the spot, measured on photographs that were not shown."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

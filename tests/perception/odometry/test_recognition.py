@@ -1,7 +1,5 @@
 """Recognised places, and the graph of poses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Motion between frames, and calibration by it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tracking: features, frozen images, still parts and sizes of frames."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

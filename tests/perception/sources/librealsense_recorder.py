@@ -1,7 +1,5 @@
 """Recordings of librealsense's own recorder, from a device in software."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -63,14 +61,7 @@ def record(
 class SoftwareCamera:
     """A device in software, with a sensor for each stream; an accelerometer has depth's axes."""
 
-    def __init__(
-        self,
-        rs: Any,
-        K: NDArray[np.float64],
-        shape: tuple[int, ...],
-        streams: Sequence[str],
-        T_colour_depth: Pose | None,
-    ) -> None:
+    def __init__(self, rs, K, shape, streams, T_colour_depth):
         self.rs, self.device = rs, rs.software_device()
         self.device.register_info(rs.camera_info.serial_number, "0123456789")
         self.profiles, self._sensors = dict[str, Any](), dict[str, Any]()
@@ -115,9 +106,7 @@ class SoftwareCamera:
         return frame
 
 
-def _video_stream(
-    rs: Any, name: str, number: int, K: NDArray[np.float64], shape: tuple[int, ...]
-) -> Any:
+def _video_stream(rs, name, number, K, shape):
     stream, camera = rs.video_stream(), rs.intrinsics()
     camera.height, camera.width = shape
     camera.fx, camera.fy, camera.ppx, camera.ppy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]

@@ -150,9 +150,7 @@ def mapped(made: Bag, view: View) -> None:
     made.images(view)
 
 
-def robot_bag(
-    path: Path, *, skip: tuple[str, ...] = (), raised: float = 0.0, **options: Any
-) -> Path:
+def robot_bag(path, *, skip=(), raised=0.0, **options):
     """The room as a robot with odometry, a mounted camera and depth 5 ms late records it.
 
     The map frame is `raised` [m] below the floor.

@@ -1,7 +1,5 @@
 """Pairs of two streams' images by their stamps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -29,16 +27,12 @@ stamps = st.lists(st.integers(0, 40), max_size=8).map(lambda n: np.array(n, floa
         ([2.0, 1.0], [1.0, 2.0], [(0, 1), (1, 0)]),  # in any order
     ],
 )
-def test_the_nearest_stamps_are_pairs(
-    colour: list[float], depth: list[float], expected: list[tuple[int, int]]
-) -> None:
+def test_the_nearest_stamps_are_pairs(colour, depth, expected):
     assert sorted(nearest_pairs(np.array(colour), np.array(depth), 0.5)) == expected
 
 
 @given(stamps, stamps, st.sampled_from([0.0, 0.125, 0.5, 10.0]))
-def test_pairs_are_those_of_a_search_through_all(
-    a: np.ndarray, b: np.ndarray, tolerance: float
-) -> None:
+def test_pairs_are_those_of_a_search_through_all(a, b, tolerance):
     pairs = nearest_pairs(a, b, tolerance)
     for used in zip(*pairs, strict=True):
         assert len(set(used)) == len(pairs)  # no image twice

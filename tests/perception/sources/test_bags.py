@@ -1,7 +1,5 @@
 """Bags and MCAP files are read to the bits that were written; damaged ones are refused."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable
@@ -66,9 +64,7 @@ def test_what_was_written_is_read(source: FolderRecording, tmp_path: Path, name:
     np.testing.assert_array_equal(again.frame(3).depth, source.frame(3).depth)
 
 
-def test_nothing_is_overwritten_and_nothing_half_written_stays(
-    source: FolderRecording, tmp_path: Path
-) -> None:
+def test_nothing_is_overwritten_and_nothing_half_written_stays(source, tmp_path):
     path = tmp_path / "room.mcap"
     frames = write_bag(source, path)
     next(frames)
@@ -112,9 +108,7 @@ def test_selected_frames(source: FolderRecording, tmp_path: Path) -> None:
     ("name", "options"),
     [("robot.bag", {"ros1": True}), ("mcap-folder", {}), ("sqlite-folder", {"mcap": False})],
 )
-def test_a_robots_bag_is_read_by_guessed_topics(
-    tmp_path: Path, name: str, options: dict[str, Any]
-) -> None:
+def test_a_robots_bag_is_read_by_guessed_topics(tmp_path, name, options):
     read = open_recording(robot_bag(tmp_path / name, **options))
     assert read.format == "bag"
     for frame, (i, stamp, T, rgb, mm) in zip(read.frames(), VIEWS, strict=True):
@@ -157,9 +151,7 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
             open_recording(path, RecordingOptions(streams=streams))
 
 
-def test_stamps_that_fall_behind_are_told_and_no_tolerance_is_advised(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_stamps_that_fall_behind_are_told_and_no_tolerance_is_advised(tmp_path, caplog):
     def add(made: Bag, view: View) -> None:
         made.images(view)
         made.tf("/tf", view.stamp, "map", "lens", view.T)
@@ -188,9 +180,7 @@ def test_what_a_bag_lacks_is_said(tmp_path: Path, skip: tuple[str, ...], said: s
 
 
 @pytest.mark.parametrize("beside", [0.05, 0.0], ids=["beside", "at the same place"])
-def test_depth_of_another_lens_is_projected(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, beside: float
-) -> None:
+def test_depth_of_another_lens_is_projected(tmp_path, caplog, beside):
     T_colour_depth, wide = np.eye(4), K.copy()
     T_colour_depth[0, 3] = beside  # [m] the depth camera sits to the right of the colour camera
     wide[0, 0] = wide[1, 1] = 100.0
@@ -316,9 +306,7 @@ def test_hostile_images(tmp_path: Path, changes: dict[str, Any] | None, said: st
     assert said in refusal(recorded(tmp_path / "hostile", add))
 
 
-def test_what_makes_no_sense_is_skipped_and_told(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_makes_no_sense_is_skipped_and_told(tmp_path, caplog):
     def add(made: Bag, view: View) -> None:
         if view.number == 3:
             lost = view.T.copy()
@@ -346,9 +334,7 @@ def test_a_loop_of_transforms(tmp_path: Path) -> None:
     assert "transforms form a loop" in refusal(recorded(tmp_path / "loop", add))
 
 
-def test_chunks_that_expand_to_more_than_they_say(
-    source: FolderRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chunks_that_expand_to_more_than_they_say(source, tmp_path, monkeypatch):
     import lz4.frame
     from rosbags.rosbag1 import reader
     from rosbags.rosbag2 import storage_mcap
@@ -369,9 +355,7 @@ def test_chunks_that_expand_to_more_than_they_say(
     assert reader.decompressors["lz4"](bombs["lz4"]) == large
 
 
-def test_another_map_frame_of_a_converted_recording(
-    source: FolderRecording, tmp_path: Path
-) -> None:
+def test_another_map_frame_of_a_converted_recording(source, tmp_path):
     path = written(source, tmp_path / "room.mcap")
     read = open_recording(path, RecordingOptions(check=False, streams=Streams(map_frame="map")))
     assert np.allclose(read.T_map_world, np.eye(4), atol=0.02)

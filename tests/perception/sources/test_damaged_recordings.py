@@ -1,7 +1,5 @@
 """Damage at random places, by fixed seeds: a recording is read or refused in one line."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable
@@ -147,9 +145,7 @@ FORMATS = {
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_damaged_recordings_are_read_or_refused_in_one_line(
-    hololens: Callable[..., Path], tmp_path: Path, kind: str
-) -> None:
+def test_damaged_recordings_are_read_or_refused_in_one_line(hololens, tmp_path, kind):
     whole = open_recording(hololens(), OPTIONS)
     entries = whole.listing.entries[:FRAMES]
     folder = tmp_path / "written"

@@ -1,7 +1,5 @@
 """Wrong depth scales and conventions of poses are noticed, with what would work."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 from dataclasses import replace

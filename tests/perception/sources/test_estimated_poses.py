@@ -1,7 +1,5 @@
 """Recordings without poses: they are estimated from the images."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings that are damaged, incomplete or nonsense are refused in one helpful line."""
 
-from __future__ import annotations
-
 import functools
 import os
 import struct

@@ -1,11 +1,7 @@
 """Wrong intrinsics are told by the views themselves; right ones never are."""
 
-from __future__ import annotations
-
 import logging
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,9 +67,7 @@ def test_a_camera_that_never_turns_tells_nothing(caplog):
 
 
 @pytest.mark.parametrize("estimate", [False, True], ids=["given poses", "estimated poses"])
-def test_a_real_kitchen_by_a_short_focal_length_is_refused(
-    shared: Callable[[str], Path], estimate: bool
-):
+def test_a_real_kitchen_by_a_short_focal_length_is_refused(shared, estimate):
     options = RecordingOptions(
         intrinsics=Intrinsics(396.3, 396.3, 317.0, 238.6, source="wrong"),
         estimate_poses=estimate or None,

@@ -1,7 +1,5 @@
 """The readers on real recordings: poses, intrinsics and depth must fit together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

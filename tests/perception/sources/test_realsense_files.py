@@ -1,7 +1,5 @@
 """Files of librealsense's own recorder, which the library writes from a device in software."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bags that other robots record: poses that do not reach the camera, other clocks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -38,9 +36,7 @@ WHERE = "0.1,0,1.2,0,0,0"
 NO_TF = ("tf", "static", "pose")
 
 
-def test_odometry_that_nothing_links_to_the_camera_is_refused_until_its_mount_is_given(
-    tmp_path: Path,
-) -> None:
+def test_odometry_that_nothing_links_to_the_camera_is_refused_until_its_mount_is_given(tmp_path):
     path = robot_bag(tmp_path / "robot", skip=NO_TF)
     with pytest.raises(RecordingError, match=r"poses of base, but none reach .* --camera-in base="):
         opened(path)
@@ -76,9 +72,7 @@ def test_a_mount_is_the_pose_of_the_cameras_body() -> None:
     assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.3)
 
 
-def test_poses_of_a_frame_that_a_topic_does_not_name(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_poses_of_a_frame_that_a_topic_does_not_name(tmp_path, caplog):
     def add(made: Bag, view: View) -> None:
         if not view.number:
             made.tf("/tf_static", view.stamp, "base", "lens", MOUNT)
@@ -156,9 +150,7 @@ def of_another_clock(first: float) -> Callable[[Bag, View], None]:
 @pytest.mark.parametrize(
     "add", [rear_camera, path_of_poses, map_below, of_another_clock(0.0), of_another_clock(-2.0)]
 )
-def test_the_cameras_poses_are_found(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, add: Callable[[Bag, View], None]
-) -> None:
+def test_the_cameras_poses_are_found(tmp_path, caplog, add):
     assert same_poses(opened(recorded(tmp_path / "robot", add)))
     assert "started again" not in caplog.text
 
@@ -215,9 +207,7 @@ def test_a_camera_that_is_not_calibrated_names_what_is(tmp_path: Path) -> None:
     assert same_poses(open_recording(path, RecordingOptions(check=False, up="z", intrinsics=given)))
 
 
-def test_a_camera_that_is_mounted_upside_down_is_turned(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_camera_that_is_mounted_upside_down_is_turned(tmp_path, caplog):
     def add(made: Bag, view: View) -> None:
         made.tf("/tf", view.stamp, "odom", "lens", view.T @ np.diag([-1.0, -1.0, 1.0, 1.0]))
         made.images(view._replace(rgb=view.rgb[::-1, ::-1], depth=view.depth[::-1, ::-1]))
@@ -246,9 +236,7 @@ def test_a_world_whose_z_is_not_up_is_refused_with_the_direction(tmp_path: Path)
     assert np.allclose(read.frame(3).T_map_cam[2], VIEWS[3].T[2], atol=0.05)
 
 
-def test_the_last_run_of_a_simulation_counts(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_the_last_run_of_a_simulation_counts(tmp_path, caplog):
     made = Bag(tmp_path / "robot.bag", ros1=True)
     for run in range(2):
         for view in VIEWS:

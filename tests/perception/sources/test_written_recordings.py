@@ -1,7 +1,5 @@
 """What the real recordings do not have: lens distortion, other sizes, other files."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A search honours what people asserted: a thing that it sees again stays one object."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -43,11 +41,8 @@ def _only(semantic_map: SemanticMap) -> str:
     ],
 )
 def test_a_thing_seen_where_people_say_it_is_stays_one_object(
-    semantic_map: SemanticMap,
-    retracted: bool,
-    seen: tuple[float, float, float],
-    expected: list[tuple[float, float, float]],
-) -> None:
+    semantic_map, retracted, seen, expected
+):
     assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
     if retracted:
         assert semantic_map.assertions.retract("object/1", "position", by="ann")
@@ -66,9 +61,7 @@ def test_a_thing_seen_where_people_say_it_is_stays_one_object(
     ("wanted", "label", "state"),
     [("orange", "apple", "found"), ("orange", "orange", "found"), ("apple", "apple", "given up")],
 )
-def test_a_corrected_category_names_what_is_found(
-    semantic_map: SemanticMap, wanted: str, label: str, state: str
-) -> None:
+def test_a_corrected_category_names_what_is_found(semantic_map, wanted, label, state):
     assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
     outcome = run(semantic_map, wanted, objects=[[label, *AT, 0.9]])
     assert _only(semantic_map) == "object/1"
@@ -76,9 +69,7 @@ def test_a_corrected_category_names_what_is_found(
     assert (outcome.state, outcome.found) == (state, found)
 
 
-def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(semantic_map):
     assert semantic_map.assertions.add("object/1", "existence", "absent", by="ann")
     _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
@@ -102,9 +93,7 @@ def test_a_correction_while_the_robot_drives_counts(semantic_map: SemanticMap) -
     assert _only(semantic_map) == "object/1"
 
 
-def test_a_thing_deleted_while_the_robot_drives_is_a_new_one_when_it_is_seen(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_thing_deleted_while_the_robot_drives_is_a_new_one_when_it_is_seen(semantic_map):
     delete = f"DELETE WHERE {{ <{semantic_map.base}object/1> ?p ?o }}"
     act = _during(lambda: semantic_map.update(delete, by="ann"))
     outcome = run(semantic_map, "apple", objects=[["apple", *AT, 0.9]], on_event=act)

@@ -1,7 +1,5 @@
 """A search over ROS itself: Debian's master, and rospy's actionlib as server and as client."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,8 +1,5 @@
 """What a robot sees on a search goes into the map as what a recording shows."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,9 +23,7 @@ THROUGH_THE_DOOR = [(1.9, 7.05), (2.5, 7.1), (3.1, 7.2), (3.6, 7.3)]  # the appl
 ANYWHERE = RobotPose(0.0, 0.0, 0.0)
 
 
-def _towards_apple(
-    camera: SimulatedCamera, spots: Sequence[tuple[float, float]]
-) -> list[DetectedFrame]:
+def _towards_apple(camera, spots):
     """Pictures from `spots` towards the hidden apple, each thing found with its true box."""
     views = []
     for number, (x, y) in enumerate(spots):
@@ -67,9 +62,7 @@ def _written(semantic_map: SemanticMap, update: DetectionUpdate) -> DetectionUpd
     return update
 
 
-def test_a_look_gives_the_map_that_a_recording_of_its_pictures_gives(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_look_gives_the_map_that_a_recording_of_its_pictures_gives(semantic_map):
     camera = SimulatedCamera(furnished_house())
     detector = SimulatedDetector(camera)
     views = []

@@ -1,7 +1,5 @@
 """What a robot may say, what it may not, and how patient we are."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -110,9 +108,7 @@ _KEYS = st.sampled_from(("id", "x", "y", "heading", "t", "reason", "objects", "p
 
 
 @given(st.sampled_from(_KINDS), st.dictionaries(_KEYS, _JSON), st.binary(max_size=200))
-def test_nothing_a_robot_says_is_a_bug_of_ours(
-    kind: str, said: dict[str, object], noise: bytes
-) -> None:
+def test_nothing_a_robot_says_is_a_bug_of_ours(kind, said, noise):
     with suppress(MalformedValueError):
         decoded(noise)
     try:

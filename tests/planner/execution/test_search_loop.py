@@ -1,7 +1,5 @@
 """Searches with a robot that is another process: found, given up, surprised, cut short, resumed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from types import SimpleNamespace
 
@@ -11,7 +9,7 @@ import pytest
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
-from kg.model.records import MapUpdate, ObjectRecord, SearchState
+from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from planner.execution.options import Event, SearchOptions
 from planner.execution.protocol import Command, Message, RobotPose, encoded, message_of
@@ -33,9 +31,7 @@ def _well_made(semantic_map: SemanticMap) -> bool:
     return not check_map(semantic_map.store.native)
 
 
-def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
-    semantic_map: SemanticMap,
-) -> None:
+def test_what_is_found_is_in_the_map_with_every_look_that_led_there(semantic_map):
     before = semantic_map.sequence
     outcome = run(semantic_map, "apple", objects=[APPLE], chatter=True)
     assert outcome.state == "found"
@@ -119,9 +115,7 @@ def test_what_is_found_exists_rather_than_not(semantic_map: SemanticMap) -> None
     assert apple.observations >= 3
 
 
-def test_what_stays_unlikely_is_looked_at_straight_three_times_and_not_found(
-    semantic_map: SemanticMap,
-) -> None:
+def test_what_stays_unlikely_is_looked_at_straight_three_times_and_not_found(semantic_map):
     events: list[Event] = []
     unlikely = ["apple", 6.0, 2.0, 0.8, 0.12]
     outcome = run(semantic_map, "apple", objects=[unlikely], on_event=events.append)
@@ -149,9 +143,7 @@ def test_a_closed_door_leads_to_another_plan(semantic_map: SemanticMap) -> None:
     assert _well_made(semantic_map)
 
 
-def test_what_was_in_the_way_counts_in_the_next_search_and_is_forgotten_in_time(
-    semantic_map: SemanticMap,
-) -> None:
+def test_what_was_in_the_way_counts_in_the_next_search_and_is_forgotten_in_time(semantic_map):
     door, first = [4.0, 2.1], {}
     for when, later, shut in (("before", 0.0, 1), ("soon", 60.0, 0), ("later", 7200.0, 0)):
         events: list[Event] = []
@@ -181,9 +173,7 @@ def test_what_was_in_the_way_counts_in_the_next_search_and_is_forgotten_in_time(
         (-SHUT - 1, "given up", False),
     ],
 )
-def test_what_lately_was_in_the_way_of_another_search_counts(
-    seconds: float, state: SearchState, counts: bool
-) -> None:
+def test_what_lately_was_in_the_way_of_another_search_counts(seconds, state, counts):
     at = 1_000_000.6
     with in_memory_map() as semantic_map:
         apple = semantic_map.catalogue.find("apple").iri
@@ -208,9 +198,7 @@ def test_ways_that_were_shut_to_others_are_tried_before_giving_up() -> None:
         assert sum("may be gone by now" in e.text for e in events) == 1
 
 
-def test_a_robot_that_cannot_stand_there_is_not_sent_there_for_ever(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_robot_that_cannot_stand_there_is_not_sent_there_for_ever(semantic_map):
     events: list[Event] = []
     outcome = run(semantic_map, "apple", offset=0.8, on_event=events.append)
     assert outcome.state == "given up"
@@ -243,9 +231,7 @@ def test_a_robot_that_ends_the_search_can_take_it_up_again(semantic_map: Semanti
 @pytest.mark.parametrize(
     ("how", "said"), [("end", "has ended with exit code 7"), ("flood", "messages in a row")]
 )
-def test_a_robot_that_fails_leaves_a_search_that_can_go_on(
-    semantic_map: SemanticMap, how: str, said: str
-) -> None:
+def test_a_robot_that_fails_leaves_a_search_that_can_go_on(semantic_map, how, said):
     with pytest.raises(RobotError, match=said):
         run(semantic_map, "apple", at_look=2, then=how)
     (record,) = semantic_map.searches.all()
@@ -280,9 +266,7 @@ class _FallsSilent:
         self.sent.append("closed")
 
 
-def test_a_robot_that_falls_silent_is_not_waited_for_for_ever(
-    semantic_map: SemanticMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_that_falls_silent_is_not_waited_for_for_ever(semantic_map, monkeypatch):
     robot = _FallsSilent(answers=4)  # hello, goto, look, goto
     clock = SimpleNamespace(monotonic=lambda: robot.now)
     monkeypatch.setattr("planner.execution.robot_session.time", clock)
@@ -324,9 +308,7 @@ def test_a_robot_that_says_nothing_of_the_protocol_is_told_what_was_wrong(
     assert semantic_map.searches.all() == ()
 
 
-def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(
-    semantic_map: SemanticMap,
-) -> None:
+def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(semantic_map):
     with pytest.raises(RobotError, match="speaks version 2"):
         run(semantic_map, "apple", protocol=2)
     assert semantic_map.searches.all() == ()

@@ -1,7 +1,5 @@
 """Looks of a search count as views: what was looked for in vain is gone, not never looked for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distances between cells of a floor, for the tests of what makes floors."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

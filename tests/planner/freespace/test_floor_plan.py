@@ -1,7 +1,5 @@
 """Free space, sight and shortest ways, on made-up buildings of any shape."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

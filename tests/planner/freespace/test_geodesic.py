@@ -1,7 +1,5 @@
 """Sweeps give exactly Dijkstra's lengths, and passages are taken."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np
@@ -123,9 +121,7 @@ def test_lengths_over_unseen_floor_are_symmetric_and_triangular_too(passable: Ma
 
 
 @pytest.mark.parametrize(("wide", "taken"), [(5, True), (2, False)])
-def test_ways_lead_around_floor_that_nobody_saw_unless_it_saves_two_thirds(
-    wide: int, taken: bool
-) -> None:
+def test_ways_lead_around_floor_that_nobody_saw_unless_it_saves_two_thirds(wide, taken):
     room, unseen = np.full((9, 2 * wide + 1), NO_ROOM, np.int32), np.zeros((9, 2 * wide + 1), bool)
     room[:, 0] = room[:, -1] = room[0] = room[4] = 0
     unseen[4, 1:-1] = True
@@ -158,9 +154,7 @@ def test_a_path_takes_the_gap_or_a_passage_whichever_is_shorter() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(floors(), st.data())
-def test_a_path_leads_downhill_and_is_about_as_long_as_its_field_says(
-    passable: Mask, data: st.DataObject
-) -> None:
+def test_a_path_leads_downhill_and_is_about_as_long_as_its_field_says(passable, data):
     space = FreeSpace(np.zeros(2), 1.0, np.where(passable, 0, NO_ROOM).astype(np.int32))
     start, goal = (data.draw(st.sampled_from(space.floor().tolist())) for _ in range(2))
     field = distance_fields(space, [goal])[0]

@@ -1,7 +1,5 @@
 """Free space from files of ROS' map_server and from arrays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -55,9 +53,7 @@ def test_the_upper_row_of_an_image_lies_at_the_largest_y(tmp_path: Path) -> None
     np.testing.assert_allclose(space.centres(space.floor()).min(axis=0), (-0.75, 2.25))
 
 
-def test_plain_sixteen_bit_and_negated_images_and_lists_below_keys_say_the_same(
-    tmp_path: Path,
-) -> None:
+def test_plain_sixteen_bit_and_negated_images_and_lists_below_keys_say_the_same(tmp_path):
     plain = b"P2 3 2 255\n" + " ".join(str(v) for v in PIXELS.reshape(-1)).encode()
     wide = b"P5 3 2 65535\n" + (PIXELS.astype(">u2") * 257).tobytes()
     turned = b"P5 3 2 255\n" + (255 - PIXELS).tobytes()
@@ -81,18 +77,14 @@ def test_plain_sixteen_bit_and_negated_images_and_lists_below_keys_say_the_same(
         ("floor.pgm", "floor.pgm # it's plain"),
     ],
 )
-def test_a_name_is_what_stands_between_its_quotes(
-    name: str, written_as: str, tmp_path: Path
-) -> None:
+def test_a_name_is_what_stands_between_its_quotes(name, written_as, tmp_path):
     (tmp_path / name).write_bytes(b"P5 3 2 255\n" + PIXELS.tobytes())
     yaml = PLAIN.replace("floor.pgm", written_as) + "mode: 'trinary' # 'raw'\n# image: none.pgm\n"
     (tmp_path / "floor.yaml").write_text(yaml, encoding="utf-8")
     np.testing.assert_array_equal(read_grid(tmp_path / "floor.yaml").occupied, WALL)
 
 
-def test_an_array_may_stand_for_the_image_with_its_first_row_at_the_smallest_y(
-    tmp_path: Path,
-) -> None:
+def test_an_array_may_stand_for_the_image_with_its_first_row_at_the_smallest_y(tmp_path):
     np.save(tmp_path / "floor.npy", np.array([[0, 0, 0], [100, 0, -1]], np.int8))
     path = written(tmp_path, b"", PLAIN.replace("pgm", "npy"))
     np.testing.assert_array_equal(read_grid(path).occupied, WALL)
@@ -156,9 +148,7 @@ def walls(draw: st.DrawFn) -> NDArray[np.int_]:
 
 @settings(max_examples=30, deadline=None)
 @given(walls(), st.sampled_from([0.2, 0.1]), st.data())
-def test_nobody_walks_or_sees_through_a_slanted_wall(
-    values: NDArray[np.int_], resolution: float, data: st.DataObject
-) -> None:
+def test_nobody_walks_or_sees_through_a_slanted_wall(values, resolution, data):
     space = space_of_occupancy(flat(values, resolution), [])
     number = connected_components(space.free)
     assert int(number.max()) == 1
@@ -192,9 +182,7 @@ def test_nobody_walks_or_sees_through_a_slanted_wall(
         (b"", "", "no 'resolution'"),
     ],
 )
-def test_a_broken_map_is_refused_in_one_line(
-    tmp_path: Path, pgm: bytes, yaml: str, says: str
-) -> None:
+def test_a_broken_map_is_refused_in_one_line(tmp_path, pgm, yaml, says):
     (tmp_path / "floor.npy").write_bytes(b"no array")
     with pytest.raises(LayoutError, match=says) as caught:
         space_of_grid(written(tmp_path, pgm, yaml), [])

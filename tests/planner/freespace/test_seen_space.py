@@ -134,9 +134,7 @@ def test_what_a_rectangle_holds_outside_of_the_walls_is_no_floor() -> None:
 
 
 @pytest.mark.parametrize(("wall", "is_floor"), [(3.4, False), (2.4, True)])
-def test_unseen_floor_behind_a_wall_is_floor_where_a_robot_fits(
-    wall: float, is_floor: bool
-) -> None:
+def test_unseen_floor_behind_a_wall_is_floor_where_a_robot_fits(wall, is_floor):
     drawing = (
         Drawing().draw((0.0, 4.0), (0.0, wall), FREE).draw((0.0, 3.6), (wall, wall + 0.2), TALL)
     )
@@ -259,9 +257,7 @@ def test_what_was_not_seen_of_a_room_holds_more(semantic_map: SemanticMap) -> No
     assert "% of its floor seen" in said
 
 
-def test_a_place_that_turned_out_to_be_all_wall_holds_the_others_up_in_nothing(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_place_that_turned_out_to_be_all_wall_holds_the_others_up_in_nothing(semantic_map):
     kind = semantic_map.catalogue.find("kitchen", "place").iri
     solid = PlaceRecord(semantic_map.place_iri(2), "pillar", 1, 1.6, 1, 1.6, 9, {kind: 0.9})
     walled = hall().draw((0.9, 1.7), (0.9, 1.7), TALL)
@@ -331,9 +327,7 @@ def test_of_a_hall_the_part_around_the_thing_is_looked_at() -> None:
 
 
 @pytest.mark.parametrize(("y", "through"), [(1.1, True), (3.5, False)])
-def test_a_route_has_its_unseen_part_and_the_door_that_it_leads_through(
-    semantic_map: SemanticMap, y: float, through: bool
-) -> None:
+def test_a_route_has_its_unseen_part_and_the_door_that_it_leads_through(semantic_map, y, through):
     drawing = two_rooms().draw((4.5, 7.9), (0.1, 3.9), UNKNOWN)
     rooms = [
         PlaceRecord(semantic_map.place_iri(n), f"room {n}", r.xmin, r.xmax, r.ymin, r.ymax)

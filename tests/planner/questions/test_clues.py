@@ -1,7 +1,5 @@
 """Questions that no sentence has: what their clues say, and what may not be left over."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 
@@ -46,9 +44,7 @@ from planner.questions.sentences import languages
         ("steht die Vase noch da wo sie gestern stand", "changed", ("vase", "", "")),
     ],
 )
-def test_the_order_of_clues_and_names_does_not_matter(
-    text: str, kind: str, names: tuple[str, str, str]
-) -> None:
+def test_the_order_of_clues_and_names_does_not_matter(text, kind, names):
     question = parsed(text)
     assert question is not None
     assert question.kind == kind

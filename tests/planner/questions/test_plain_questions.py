@@ -1,7 +1,5 @@
 """Plain questions: their meaning, answers on a small flat, and texts that are no question."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -334,9 +332,7 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
         ("when was the cup last seen?", ["cup 2", "kitchen"]),
     ],
 )
-def test_an_answer_says_which_things_it_is_about(
-    flat: Path, question: str, names: list[str]
-) -> None:
+def test_an_answer_says_which_things_it_is_about(flat, question, names):
     with open_map(flat, read_only=True) as semantic_map:
         about = answer_box(semantic_map, [question])["about"]
         assert isinstance(about, list)

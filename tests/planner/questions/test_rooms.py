@@ -1,7 +1,5 @@
 """Questions about rooms, counts and measures."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sentences of questions: each file's own sentences are read as what they ask."""
 
-from __future__ import annotations
-
 import re
 from typing import get_args
 

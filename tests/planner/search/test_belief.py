@@ -1,7 +1,5 @@
 """Belief about where a target is: evidence becomes probabilities on cells of the floor."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The simulated robot of the demo house: rendered pictures, a detector with faults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

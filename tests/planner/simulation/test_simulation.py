@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from math import pi
@@ -217,9 +215,7 @@ def test_the_same_frame_looks_the_same_again(camera: SimulatedCamera) -> None:
 # the senses
 
 
-def test_detections_lie_in_the_picture_best_first(
-    camera: SimulatedCamera, tour: SimulatedTour
-) -> None:
+def test_detections_lie_in_the_picture_best_first(camera, tour):
     detector = SimulatedDetector(camera)
     for frame in list(tour.frames(len(tour) - 12)):
         seen = detector.detect(frame)
@@ -231,9 +227,7 @@ def test_detections_lie_in_the_picture_best_first(
 
 
 @given(st.floats(4, 4000), st.floats(1, 10), st.floats(1.1, 3))
-def test_recall_falls_with_distance_and_with_occlusion(
-    camera: SimulatedCamera, visible: float, hidden: float, more: float
-) -> None:
+def test_recall_falls_with_distance_and_with_occlusion(camera, visible, hidden, more):
     chance = SimulatedDetector(camera).chance
     assert chance(visible, visible * hidden) <= chance(visible * more, visible * hidden * more)
     assert chance(visible, visible * hidden) >= chance(visible, visible * hidden * more)
@@ -286,9 +280,7 @@ def test_a_classifier_that_lacks_a_room_is_refused(camera: SimulatedCamera) -> N
 
 
 @given(st.lists(st.tuples(metres, metres), min_size=1, max_size=5), st.floats(-3, 3))
-def test_a_drive_ends_at_its_last_corner_in_small_steps(
-    corners: list[tuple[float, float]], heading: float
-) -> None:
+def test_a_drive_ends_at_its_last_corner_in_small_steps(corners, heading):
     gait = MotionLimits()
     start = TimedPose(0.0, 0.0, heading, 0.0)
     poses = [start, *drive(start, np.array(corners), gait)]

@@ -1,7 +1,5 @@
 """From pictures to a find: a robot searches a room that it had never entered."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

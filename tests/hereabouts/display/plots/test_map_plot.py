@@ -1,7 +1,5 @@
-from __future__ import annotations
-
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,9 +33,7 @@ from mapping.occupancy.mapped_floor import MappedFloor
 from planner.simulation.house import furnished_house
 
 
-def record(
-    semantic_map: SemanticMap, label: str, x: float, y: float, existence: float = 1.0
-) -> ObjectRecord:
+def record(semantic_map, label, x, y, existence=1.0):
     return ObjectRecord(
         iri=semantic_map.new_object_iri(),
         category=semantic_map.catalogue.find(label, "object").iri,
@@ -137,18 +133,14 @@ def test_the_ending_decides_the_format(kitchen: SemanticMap, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("name", "said"), [("map.bmp", "the ending .bmp"), ("map", "no ending")])
-def test_another_ending_is_refused_in_one_line(
-    kitchen: SemanticMap, tmp_path: Path, name: str, said: str
-) -> None:
+def test_another_ending_is_refused_in_one_line(kitchen, tmp_path, name, said):
     with pytest.raises(PictureError, match=f"{said}; .png, .svg or .pdf would work") as error:
         plot_map(kitchen, tmp_path / name)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_not_there_is_said_in_one_line(
-    kitchen: SemanticMap, tmp_path: Path
-) -> None:
+def test_a_folder_that_is_not_there_is_said_in_one_line(kitchen, tmp_path):
     with pytest.raises(PictureError, match=r"cannot write .*No such file"):
         plot_map(kitchen, tmp_path / "nowhere" / "map.png")
 
@@ -158,9 +150,7 @@ def test_the_same_map_gives_the_same_drawing(kitchen: SemanticMap, tmp_path: Pat
     assert first == plot_map(kitchen, tmp_path / "b.svg").read_bytes()
 
 
-def test_a_search_has_its_way_its_stops_and_its_reasons(
-    kitchen: SemanticMap, tmp_path: Path
-) -> None:
+def test_a_search_has_its_way_its_stops_and_its_reasons(kitchen, tmp_path):
     search = SearchDrawing(
         np.array([[2, 1.5], [1.5, 1], [5, 1]]),
         (Stop(np.array([1.5, 1.0]), "1", ((0.0, 1.0),)), Stop(np.array([5.0, 1.0]), "2-3")),
@@ -190,9 +180,7 @@ def test_looks_from_one_spot_share_a_disc() -> None:
     assert [len(stop.looks) for stop in stops] == [3, 1]
 
 
-def test_a_house_adds_its_walls_and_widens_the_picture(
-    kitchen: SemanticMap, tmp_path: Path
-) -> None:
+def test_a_house_adds_its_walls_and_widens_the_picture(kitchen, tmp_path):
     path = plot_map(kitchen, tmp_path / "a.svg", truth=ground_truth(furnished_house()))
     assert "truth" in texts_of(path)
     bare = plot_map(kitchen, tmp_path / "b.svg")
@@ -214,9 +202,7 @@ def test_a_lone_object_without_any_place_is_drawn(tmp_path: Path) -> None:
     assert "cup" in texts_of(plot_map(semantic_map, tmp_path / "map.svg"))
 
 
-def test_the_laboratory_of_the_thesis_is_labelled(
-    shared: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_the_laboratory_of_the_thesis_is_labelled(shared, tmp_path):
     semantic_map = in_memory_map(title="laboratory")
     folder = shared("reference")
     import_saved_maps(
@@ -339,10 +325,7 @@ def overlap(a: Sequence[float], b: Sequence[float]) -> bool:
 
 @given(labels, st.lists(spot, max_size=4))
 @settings(max_examples=60)
-def test_no_label_covers_another_or_an_obstacle(
-    items: Sequence[tuple[tuple[float, float], tuple[float, float]]],
-    corners: Sequence[tuple[float, float]],
-) -> None:
+def test_no_label_covers_another_or_an_obstacle(items, corners):
     obstacles = [(x, y, x + 30, y + 20) for x, y in corners]
     bounds = (0.0, 0.0, 400.0, 300.0)
     placed = place_labels([p for p, _ in items], [s for _, s in items], obstacles, bounds=bounds)

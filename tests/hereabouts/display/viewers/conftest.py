@@ -1,7 +1,5 @@
 """A small map with everything that viewers draw."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,13 +17,7 @@ from kg.model.records import (
 from kg.serving.opening import in_memory_map
 
 
-def thing(
-    semantic_map: SemanticMap,
-    label: str,
-    p_map: tuple[float, float, float],
-    existence: float = 1.0,
-    **more: object,
-) -> ObjectRecord:
+def thing(semantic_map, label, p_map, existence=1.0, **more):
     return ObjectRecord(
         iri=semantic_map.new_object_iri(),
         category=semantic_map.catalogue.find(label, "object").iri,

@@ -1,7 +1,5 @@
 """What Foxglove is given, read again with the `mcap` package."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

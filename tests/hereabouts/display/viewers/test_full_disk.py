@@ -1,7 +1,5 @@
 """A file that may not grow any further, as on a full disk."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Boxes of objects in mesh files stand as the map has them."""
 
-from __future__ import annotations
-
 import json
 from io import BytesIO
 

@@ -1,7 +1,5 @@
 """Scenes of a map's past."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hereabouts.display.viewers.scene import past_scenes, present_scene

@@ -1,11 +1,8 @@
 """A map that is published to ROS while it changes, as subscribers that come late hear it."""
 
-from __future__ import annotations
-
 import argparse
 import threading
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -102,9 +99,7 @@ def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: Sem
 
 
 @pytest.mark.parametrize("to", ["zmq://here", "kitchen", "ws://127.0.0.1:port", "ros2://robot"])
-def test_what_takes_no_messages_is_refused_before_the_map_is_opened(
-    to: str, tmp_path: Path
-) -> None:
+def test_what_takes_no_messages_is_refused_before_the_map_is_opened(to, tmp_path):
     arguments = argparse.Namespace(publish=to, into="kitchen.map", publish_tf=None)
     with pytest.raises(RecordingError, match=r"would work|is one"):
         publish_to(arguments, str(tmp_path))

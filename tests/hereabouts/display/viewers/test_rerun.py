@@ -1,7 +1,5 @@
 """What Rerun is given, read again with its own reader."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

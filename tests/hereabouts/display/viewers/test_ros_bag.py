@@ -1,7 +1,5 @@
 """Bags of a map, read again with the `rosbags` package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +43,7 @@ def test_a_bag_has_markers_floor_robot_and_plan(kitchen: SemanticMap, tmp_path: 
     assert (header.frame_id, header.stamp.sec, header.stamp.nanosec) == ("map", 1000, 250_000_000)
 
 
-def test_the_occupancy_grid_is_that_of_the_mapped_floor(
-    kitchen: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_occupancy_grid_is_that_of_the_mapped_floor(kitchen, tmp_path):
     scene = SceneReader(kitchen).read()
     assert scene.floor is not None
     path = tmp_path / "kitchen.bag"

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -40,9 +38,7 @@ def test_triangles_cover_an_outline_without_its_holes(outline: object, off: floa
     assert len(triangles(area.rings)) < 600_000
 
 
-def test_objects_have_the_colours_of_plot_and_doubtful_ones_are_left_out(
-    kitchen: SemanticMap,
-) -> None:
+def test_objects_have_the_colours_of_plot_and_doubtful_ones_are_left_out(kitchen):
     scene = SceneReader(kitchen).read()
     assert [thing.text for thing in scene.objects] == ["dining table", "cup"]
     table, cup = scene.objects

@@ -5,8 +5,6 @@ match by path segment, `view` only where one page is not all, `nextPage` relativ
 is an "error" with HTTP 200; failures carry their own status.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 from collections import defaultdict

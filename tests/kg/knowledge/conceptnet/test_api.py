@@ -1,7 +1,5 @@
 """ConceptNet's interface and names, and the thesis' table 6.1."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import unicodedata
@@ -61,9 +59,7 @@ def test_all_pages_are_read_and_by_relative_address(serve: Serve, as_edge: AsEdg
     assert asked(client, end="/c/en/nowhere") == []  # HTTP 200 with "error"
 
 
-def test_a_busy_service_is_asked_again_after_as_long_as_it_wants(
-    serve: Serve, as_edge: AsEdge
-) -> None:
+def test_a_busy_service_is_asked_again_after_as_long_as_it_wants(serve, as_edge):
     service = serve([as_edge("AtLocation", "cup", "kitchen")])
     service.failures = [(429, {"Retry-After": "30"}), (502, {}), (503, {})]
     client, clock = client_of(service)
@@ -150,9 +146,7 @@ here:Bedroom a owl:Class ; rdfs:subClassOf here:Place ; rdfs:label "bedroom" .
 """
 
 
-def test_an_import_that_broke_off_goes_on_and_comes_to_the_same(
-    serve: Serve, as_edge: AsEdge, tmp_path: Path
-) -> None:
+def test_an_import_that_broke_off_goes_on_and_comes_to_the_same(serve, as_edge, tmp_path):
     folder = tmp_path / "tiny"
     folder.mkdir()
     (folder / "tiny.ttl").write_text(TINY)

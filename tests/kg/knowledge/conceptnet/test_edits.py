@@ -1,11 +1,8 @@
 """The file an import writes: the same each time, and what people did to it stays."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pyoxigraph
@@ -22,7 +19,6 @@ from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError, GraphError
 from kg.model.resources import ONTOLOGIES
 
-Shared = Callable[[str], Path]
 DATA = [
     *(("cup", "AtLocation", "kitchen", 9), ("cup", "AtLocation", "office", 3)),
     *(("bed", "AtLocation", "bedroom", 12), ("fork", "LocatedNear", "knife", 4)),
@@ -98,9 +94,7 @@ def test_the_order_of_the_source_does_not_matter(tmp_path: Path) -> None:
     assert (tmp_path / "one.ttl").read_bytes() == (tmp_path / "two.ttl").read_bytes()
 
 
-def test_the_file_is_a_well_made_ontology_that_says_whose_data_it_is(
-    graph: Path, into: Path
-) -> None:
+def test_the_file_is_a_well_made_ontology_that_says_whose_data_it_is(graph, into):
     update(graph, into)
     assert check_ontologies(into.parent) == []
     text = into.read_text()
@@ -109,9 +103,7 @@ def test_the_file_is_a_well_made_ontology_that_says_whose_data_it_is(
     assert len(rdflib.Graph().parse(into)) == len(set(pyoxigraph.parse(path=str(into))))
 
 
-def test_an_import_stands_beside_the_shipped_relations_and_does_not_change_them(
-    graph: Path, into: Path
-) -> None:
+def test_an_import_stands_beside_the_shipped_relations_and_does_not_change_them(graph, into):
     shipped = compile_commonsense(load_ontologies().quads)
     update(graph, into)
     assert set(shipped) <= set(compile_commonsense(load_ontologies(into.parent).quads))
@@ -224,9 +216,7 @@ def test_a_file_of_somebody_else_is_refused(graph: Path, into: Path) -> None:
         import_conceptnet(graph, into.parent / "absent" / "x.ttl")
 
 
-def test_a_write_that_fails_leaves_the_file_and_no_part_of_another(
-    graph: Path, into: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_write_that_fails_leaves_the_file_and_no_part_of_another(graph, into, monkeypatch):
     update(graph, into)
     before = into.read_bytes()
     data(graph, DATA[:1])
@@ -253,9 +243,7 @@ TEXT = st.text(max_size=40) | st.sampled_from(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(surface=TEXT, term=TEXT, license=TEXT)
-def test_no_text_breaks_out_of_the_file(
-    surface: str, term: str, license: str, tmp_path: Path
-) -> None:
+def test_no_text_breaks_out_of_the_file(surface, term, license, tmp_path):
     name = term.replace("\t", " ").replace("\n", " ").replace("/", " ")
     known = json.dumps({"weight": 4.0, "license": license, "surfaceText": surface})
     rows = [
@@ -296,9 +284,7 @@ def reviewed(graph: Path, into: Path, review: Path) -> ConceptNetImport:
     return import_conceptnet(graph, into, ontologies=into.parent, review=review)
 
 
-def test_a_relation_dropped_in_the_review_stays_away_until_it_is_kept_again(
-    graph: Path, into: Path, tmp_path: Path
-) -> None:
+def test_a_relation_dropped_in_the_review_stays_away_until_it_is_kept_again(graph, into, tmp_path):
     review = tmp_path / "review.csv"
     reviewed(graph, into, review)
     head, weakest, *_ = review.read_text().splitlines()

@@ -1,7 +1,5 @@
 """Whatever a file holds: an import, a count of what was skipped, or one line that helps."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os
@@ -55,9 +53,7 @@ def assert_skipped(folder: Path, good: bytes, bad: bytes, reason: str) -> None:
         (b"/a/" + b"x" * (3 << 20) + b"\n", "line too long"),
     ],
 )
-def test_a_bad_line_of_conceptnet_5_is_counted_and_the_rest_read(
-    bad: bytes, reason: str, tmp_path: Path
-) -> None:
+def test_a_bad_line_of_conceptnet_5_is_counted_and_the_rest_read(bad, reason, tmp_path):
     assert_skipped(tmp_path, GOOD5, bad, reason)
 
 
@@ -75,9 +71,7 @@ def test_a_bad_line_of_conceptnet_5_is_counted_and_the_rest_read(
         (b"\xff\tkitchen" + GOOD4[GOOD4.index(b"\t{") :], "not UTF-8"),
     ],
 )
-def test_a_bad_line_of_conceptnet_4_is_counted_and_the_rest_read(
-    bad: bytes, reason: str, tmp_path: Path
-) -> None:
+def test_a_bad_line_of_conceptnet_4_is_counted_and_the_rest_read(bad, reason, tmp_path):
     assert_skipped(tmp_path, GOOD4, bad, reason)
 
 
@@ -100,9 +94,7 @@ def test_a_line_of_60_mb_is_passed_over_in_little_memory(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("packed", [True, False])
 @pytest.mark.parametrize("line", [GOOD4, GOOD5])
-def test_format_and_packing_show_in_the_content_not_the_name(
-    line: bytes, packed: bool, tmp_path: Path
-) -> None:
+def test_format_and_packing_show_in_the_content_not_the_name(line, packed, tmp_path):
     path = tmp_path / "something.zip"
     path.write_bytes(gzip.compress(b"\n\n" + line, mtime=0) if packed else b"\n\n" + line)
     assert [f.target for f in import_conceptnet(path).found if "Kitchen" in f.target]
@@ -163,9 +155,7 @@ def test_no_file_or_a_folder_is_one_line(tmp_path: Path) -> None:
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(noise=st.lists(st.binary(max_size=80), max_size=8), good=st.sampled_from([GOOD4, GOOD5]))
-def test_any_bytes_between_good_lines_do_no_harm(
-    noise: list[bytes], good: bytes, tmp_path: Path
-) -> None:
+def test_any_bytes_between_good_lines_do_no_harm(noise, good, tmp_path):
     path = tmp_path / "file"
     path.write_bytes(good + b"\n".join(noise) + b"\n" + good.replace(b"cup", b"knife"))
     imported = import_conceptnet(path)

@@ -1,7 +1,5 @@
 """What assertions come to: synonyms together, negations against, senses apart, kinds weaker."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

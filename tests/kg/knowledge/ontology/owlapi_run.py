@@ -8,8 +8,6 @@ session FILE            a session of editing: a class under here:Food with label
 add-mug FILE            the edit of docs/how-to/protege.md, saved in the format it was opened in
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import sys

@@ -1,7 +1,5 @@
 """Categories of a map, also provisional ones."""
 
-from __future__ import annotations
-
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -93,9 +91,7 @@ def test_an_iri_finds_its_category_and_its_label() -> None:
         ("", None, "no category '' among the 289 of this map"),
     ],
 )
-def test_an_unknown_name_is_refused_with_what_would_work(
-    said: str, kind: str | None, message: str
-) -> None:
+def test_an_unknown_name_is_refused_with_what_would_work(said, kind, message):
     with pytest.raises(UnknownCategoryError) as error:
         CATALOGUE.find(said, kind)
     assert str(error.value) == message

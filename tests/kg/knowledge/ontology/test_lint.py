@@ -1,7 +1,5 @@
 """A well-made map and ontology pass; each kind of bad fact is found and named."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable
@@ -187,9 +185,7 @@ FLAWS = [
 
 
 @pytest.mark.parametrize("flaws", [FLAWS[:7], FLAWS[7:]], ids=["of terms", "of properties"])
-def test_each_flaw_of_an_ontology_is_found(
-    folder: Path, flaws: list[tuple[str, str, str, str]]
-) -> None:
+def test_each_flaw_of_an_ontology_is_found(folder, flaws):
     turtle = "".join(f"{turtle} .\n" for turtle, *_ in flaws)
     (folder / "mine.ttl").write_text(f"{PREFIXES}\n{turtle}")
     findings = check_ontologies(folder)
@@ -200,9 +196,7 @@ def test_each_flaw_of_an_ontology_is_found(
         ], message
 
 
-def test_a_relation_without_a_source_is_a_warning_and_a_bad_probability_is_not(
-    folder: Path,
-) -> None:
+def test_a_relation_without_a_source_is_a_warning_and_a_bad_probability_is_not(folder):
     (folder / "mine.ttl").write_text(
         PREFIXES
         + """here:Cup here:locatedAt here:Attic .
@@ -272,9 +266,7 @@ def classes(count: int, below: Callable[[int], list[int]]) -> list[Quad]:
         (10_001, lambda _: [], "at most 10,000 would work"),
     ],
 )
-def test_a_hierarchy_that_would_fill_the_map_is_refused(
-    count: int, below: Callable[[int], list[int]], message: str
-) -> None:
+def test_a_hierarchy_that_would_fill_the_map_is_refused(count, below, message):
     quads = classes(count, below)
     (finding,) = check_quads(quads)
     assert re.search(message, finding.message)

@@ -1,7 +1,5 @@
 """Loading of ontologies, and what follows from them."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -80,9 +78,7 @@ def test_objects_and_places_hold_the_324_is_a_edges_of_the_reference(shared: Sha
     ("table", "kind", "target", "count"),
     [("located_at.csv", v.LOCATED_AT, "place", 204), ("near_by.csv", v.NEAR_BY, "near", 7)],
 )
-def test_relations_are_those_of_the_reference(
-    shared: Shared, table: str, kind: str, target: str, count: int
-) -> None:
+def test_relations_are_those_of_the_reference(shared, table, kind, target, count):
     found = {(r.subject, r.target) for r in relations(QUADS) if r.kind == kind}
     expected = rows(shared(f"reference/{table}"))
     assert found == {(iri(row["object"]), iri(row[target])) for row in expected}

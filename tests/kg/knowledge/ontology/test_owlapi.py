@@ -3,8 +3,6 @@
 It runs in a process of its own. Skipped where its packages (docs/how-to/protege.md) are absent.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess
@@ -59,9 +57,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, An
     return judged(*SHIPPED, bad)
 
 
-def test_every_shipped_file_is_owl_2_dl_consistent_and_without_empty_classes(
-    verdicts: dict[str, dict[str, Any]],
-) -> None:
+def test_every_shipped_file_is_owl_2_dl_consistent_and_without_empty_classes(verdicts):
     told = {name: found for name, found in verdicts.items() if name != "bad.ttl"}
     assert told.keys() == {path.name for path in SHIPPED}
     assert len(told) >= 5
@@ -110,9 +106,7 @@ def flat(path: Path) -> None:
             semantic_map.apply(MapUpdate(places=(place,)))
 
 
-def test_the_walk_through_of_the_documentation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_walk_through_of_the_documentation(tmp_path, capsys):
     path, file = tmp_path / "flat.map", tmp_path / "flat.owl"
     flat(path)
     run = _runner(capsys)

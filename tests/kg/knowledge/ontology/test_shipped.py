@@ -1,7 +1,5 @@
 """The shipped ontologies, their terms and their page."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections import Counter, defaultdict
@@ -100,18 +98,14 @@ def empty() -> Iterator[SemanticMap]:
         ("ASK { ?x rdfs:label 'here:Cupp' # here:Cupp\n }", ()),
     ],
 )
-def test_what_no_ontology_declares_is_named(
-    empty: SemanticMap, query: str, lines: tuple[str, ...]
-) -> None:
+def test_what_no_ontology_declares_is_named(empty, query, lines):
     found = absent_terms(query, empty.engine)
     assert len(found) == len(lines)
     for line, start in zip(found, lines, strict=True):
         assert start in line
 
 
-def test_ask_warns_and_takes_variables_as_parameters(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ask_warns_and_takes_variables_as_parameters(tmp_path, capsys):
     from kg.serving.opening import create_map
     from tests.planner.flat import fill
 

@@ -1,7 +1,5 @@
 """What an ontology says is used by maps, or a warning says that it is not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

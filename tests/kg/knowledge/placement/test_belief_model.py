@@ -1,7 +1,5 @@
 """The placement model: monotone in the evidence, calibrated on worlds that are as it says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -41,17 +39,13 @@ counts = st.tuples(COUNT, COUNT).map(lambda pair: (max(pair), min(pair)))
     st.floats(0, 1e4),
     st.floats(0, 1),
 )
-def test_a_probability_lies_strictly_between_0_and_1(
-    listed: float, weight: float, rooms: tuple[int, int], w: float, wo: float, stated: float
-) -> None:
+def test_a_probability_lies_strictly_between_0_and_1(listed, weight, rooms, w, wo, stated):
     given_ = {"listed": listed, "weight": weight, "rooms": rooms[0], "rooms_with": rooms[1]}
     assert 0 < p(**given_, building_with=w, building_without=wo, stated=stated, statements=1) < 1
 
 
 @given(counts, st.floats(0, 50), st.floats(0.01, 50))
-def test_more_evidence_for_raises_it_and_rooms_searched_in_vain_lower_it(
-    rooms: tuple[int, int], weight: float, more: float
-) -> None:
+def test_more_evidence_for_raises_it_and_rooms_searched_in_vain_lower_it(rooms, weight, more):
     known = {"rooms": rooms[0], "rooms_with": rooms[1], "weight": weight}
     assert p(weight=weight + more) > p(weight=weight)
     assert p(weight=weight, listed=0.9) >= p(weight=weight, listed=0.2) >= p(weight=weight)
@@ -95,9 +89,7 @@ def test_the_belief_is_calibrated_in_worlds_drawn_from_the_model() -> None:
 
 
 @given(st.lists(st.floats(0.01, 0.99), min_size=2, max_size=6), st.data())
-def test_a_posterior_is_a_distribution_and_unseen_objects_leave_nothing_impossible(
-    row: list[float], data: st.DataObject
-) -> None:
+def test_a_posterior_is_a_distribution_and_unseen_objects_leave_nothing_impossible(row, data):
     n = data.draw(st.integers(0, 5))
     seen = np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)), dtype=bool)
     present = np.array([row] * n).reshape(n, len(row))

@@ -1,7 +1,5 @@
 """Several sources may speak of one relation; each keeps its own probability."""
 
-from __future__ import annotations
-
 import pyoxigraph
 import pytest
 from pyoxigraph import Literal, RdfFormat

@@ -1,7 +1,5 @@
 """Tables of rooms: read, mapped to our categories, and refused in one line where they are wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,9 +61,7 @@ def test_room_names_become_our_categories() -> None:
         (HEAD + "kitchen," + "9" * 400 + ",oven,1\n", "n_rooms must be"),
     ],
 )
-def test_a_wrong_table_is_refused_in_one_line(
-    tmp_path: Path, text: str | bytes, says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_table_is_refused_in_one_line(tmp_path, text, says, capsys):
     path, into = table(tmp_path, text), tmp_path / "out.ttl"
     with pytest.raises(InvalidFactError) as error:
         read_rooms(path, CATALOGUE, "s")
@@ -88,9 +84,7 @@ def test_a_missing_table_and_a_wrong_licence_are_refused(tmp_path: Path) -> None
     max_examples=12,
 )
 @given(st.text(max_size=30), st.text(max_size=30), st.text(max_size=12))
-def test_names_of_any_kind_never_break_the_file(
-    tmp_path: Path, room: str, source: str, number: str
-) -> None:
+def test_names_of_any_kind_never_break_the_file(tmp_path, room, source, number):
     quoted = room.replace('"', '""').encode("utf-8", "ignore").decode()
     path = table(tmp_path, f'{HEAD}kitchen,5,oven,2\n"{quoted}",4,"cup",{number or 1}\n')
     try:
@@ -156,9 +150,7 @@ def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path: Path) -> None:
         "this is no Turtle",
     ],
 )
-def test_a_file_that_says_anything_else_is_not_overwritten(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], held: str
-) -> None:
+def test_a_file_that_says_anything_else_is_not_overwritten(tmp_path, capsys, held):
     path = table(tmp_path, HEAD + "kitchen,5,oven,2\ngarage,7,bicycle,3\n")
     into = tmp_path / "mine.ttl"
     arguments = ["import", "rooms", str(path), "--into", str(into), "--source", "a"]
@@ -171,9 +163,7 @@ def test_a_file_that_says_anything_else_is_not_overwritten(
     assert into.read_text() == text
 
 
-def test_an_ending_of_another_syntax_makes_no_map(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_ending_of_another_syntax_makes_no_map(tmp_path, capsys):
     path = table(tmp_path, HEAD + "kitchen,5,oven,2\n")
     assert main(["import", "rooms", str(path), "--into", str(tmp_path / "homes.owl")]) == 1
     assert "name a .ttl" in capsys.readouterr().err

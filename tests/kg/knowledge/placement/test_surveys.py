@@ -1,7 +1,5 @@
 """Surveys of rooms that ship: their features, and what the model makes of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -49,14 +47,8 @@ def cell(known: PlacementEvidence, catalogue: Catalogue, thing: str, room: str) 
     ],
 )
 def test_features_and_probabilities_are_those_that_were_fitted(
-    known: PlacementEvidence,
-    catalogue: Catalogue,
-    thing: str,
-    room: str,
-    behavior: tuple[float, ...],
-    coco: tuple[float, ...],
-    p: float,
-) -> None:
+    known, catalogue, thing, room, behavior, coco, p
+):
     row, column = cell(known, catalogue, thing, room)
     for survey, expected in zip(known.evidence.surveys, (behavior, coco), strict=True):
         features = (survey.covers_object, survey.object_rate, survey.covers_place, survey.lift)
@@ -64,9 +56,7 @@ def test_features_and_probabilities_are_those_that_were_fitted(
     assert posterior_belief(known.evidence, FITTED).prior[row, column] == pytest.approx(p, abs=1e-3)
 
 
-def test_nothing_is_said_of_a_place_of_unknown_kind(
-    known: PlacementEvidence, catalogue: Catalogue
-) -> None:
+def test_nothing_is_said_of_a_place_of_unknown_kind(known, catalogue):
     for survey in known.evidence.surveys:
         assert not survey.covers_place[:, known.places[v.PLACE]].any()
         assert not survey.lift[:, known.places[v.PLACE]].any()

@@ -1,7 +1,5 @@
 """The placement table of a real map: what speaks, how much, and what seeing rooms changes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -111,9 +109,7 @@ def test_what_is_no_kind_of_object_is_refused_and_an_unknown_place_is_not() -> N
     assert 0 < TABLE.probability(iri("cup"), "https://example.org/attic") < 0.1
 
 
-def test_rooms_seen_without_an_object_lower_it_and_with_it_raise_it(
-    semantic_map: SemanticMap,
-) -> None:
+def test_rooms_seen_without_an_object_lower_it_and_with_it_raise_it(semantic_map):
     def told() -> float:
         return placement_table(semantic_map).probability(iri("oven"), place("kitchen"))
 
@@ -158,9 +154,7 @@ def test_a_person_may_state_a_probability(semantic_map: SemanticMap) -> None:
     assert said.reasons[0].source == "ann"
 
 
-def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(
-    semantic_map: SemanticMap, homes: Path
-) -> None:
+def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(semantic_map, homes):
     before = placement_table(semantic_map)
     relations = len(semantic_map.query("located-at", category="food").rows)
     table = read_rooms(homes, semantic_map.catalogue, "homes")

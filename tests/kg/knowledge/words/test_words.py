@@ -1,7 +1,5 @@
 """Words: classes, meanings and usual places."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -123,9 +121,7 @@ def labels(meaning: Meaning) -> list[str]:
         ("https://w3id.org/hereabouts#Cup", "label", "same", ["cup"]),
     ],
 )
-def test_a_name_leads_to_the_categories_that_include_such_things(
-    text: str, how: str, relation: str, categories: list[str]
-) -> None:
+def test_a_name_leads_to_the_categories_that_include_such_things(text, how, relation, categories):
     meaning = understand(CATALOGUE, text)
     assert (meaning.how, meaning.relation, labels(meaning)) == (how, relation, categories)
 
@@ -215,9 +211,7 @@ def test_every_category_of_a_word_is_in_the_ontology() -> None:
             assert CATALOGUE.get(label, "object") is not None, sense
 
 
-def test_a_file_adds_names_in_other_languages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_adds_names_in_other_languages(tmp_path, monkeypatch):
     path = tmp_path / "fr.csv"
     path.write_text("name,means\nclés,keys\ntasse,mug\n", encoding="utf-8")
     monkeypatch.setenv(NAMES_VARIABLE, str(path))

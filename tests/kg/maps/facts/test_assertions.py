@@ -1,7 +1,5 @@
 """What people said outranks what is perceived, until it is retracted."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator
@@ -74,9 +72,7 @@ def test_a_conflict_ends_when_perception_comes_round(home: SemanticMap) -> None:
     assert home.objects()[0].p_map.tolist() == [4.1, 4.0, 0.5]
 
 
-def test_a_thing_that_is_seen_contradicts_its_absence_and_agrees_with_its_presence(
-    home: SemanticMap,
-) -> None:
+def test_a_thing_that_is_seen_contradicts_its_absence_and_agrees_with_its_presence(home):
     home.assertions.add("object/1", "existence", "absent", by="ann")
     (conflict,) = home.assertions.conflicts()
     assert (conflict.value, conflict.perceived, conflict.strength) == ("absent", "0.33", 0.33)
@@ -174,9 +170,7 @@ def test_all_is_as_before_when_all_is_taken_back(home: SemanticMap) -> None:
     assert home.assertions.all() == ()
 
 
-def test_said_again_it_is_no_change_but_who_and_when(
-    home: SemanticMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_said_again_it_is_no_change_but_who_and_when(home, monkeypatch):
     home.assertions.add("object/1", "category", "bowl", by="ann")
     (first,) = home.assertions.all()
     assert first.since is not None

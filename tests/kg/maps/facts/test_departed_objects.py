@@ -1,7 +1,5 @@
 """Objects that left or moved, and beliefs about labels."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The writer changes what differs, all of it at once, and nothing that people added."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -42,9 +40,7 @@ def test_a_moved_object_changes_two_triples_an_axis(semantic_map: SemanticMap) -
     assert semantic_map.objects()[0].p_map[0] == 1.5
 
 
-def test_a_removed_object_leaves_nothing_behind_and_its_number_is_not_used_again(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_removed_object_leaves_nothing_behind_and_its_number_is_not_used_again(semantic_map):
     before = set(semantic_map.engine)
     chair = thing(semantic_map)
     semantic_map.apply(MapUpdate(objects=(chair,)))
@@ -72,9 +68,7 @@ def test_a_belief_that_fades_leaves_no_node_behind(semantic_map: SemanticMap) ->
     assert semantic_map.query("places").records()[0]["category"] == "bar"
 
 
-def test_what_people_added_survives_and_what_they_changed_is_seen(
-    semantic_map: SemanticMap,
-) -> None:
+def test_what_people_added_survives_and_what_they_changed_is_seen(semantic_map):
     chair = thing(semantic_map)
     semantic_map.apply(MapUpdate(objects=(chair,)))
     semantic_map.update(

@@ -1,7 +1,5 @@
 """Objects by what they are, where they are, and what they are near; places by belief."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Iterator
@@ -141,9 +139,7 @@ def test_network_says_who_is_in_what_and_near_whom(flat: SemanticMap) -> None:
     near=st.floats(0.1, 5.0),
     points=st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=12),
 )
-def test_near_edges_are_all_pairs_within_reach(
-    flat: SemanticMap, near: float, points: list[tuple[float, float]]
-) -> None:
+def test_near_edges_are_all_pairs_within_reach(flat, near, points):
     from kg.maps.networkx_graph import network
 
     objects = [object_at(flat, n, "cup", x, y) for n, (x, y) in enumerate(points)]

@@ -1,7 +1,5 @@
 """Relations of objects are facts of the map, which people can overrule."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

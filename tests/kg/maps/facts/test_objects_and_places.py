@@ -1,7 +1,5 @@
 """Records become facts and come back, as precise as the map is and no more."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -64,9 +62,7 @@ def stored(quads: list) -> Store:  # type: ignore[type-arg]
 
 
 @given(objects())
-def test_an_object_comes_back_within_a_centimetre_a_hundredth_and_a_second(
-    record: ObjectRecord,
-) -> None:
+def test_an_object_comes_back_within_a_centimetre_a_hundredth_and_a_second(record):
     (back,) = FACTS.objects(stored(FACTS.of_object(record)))
     np.testing.assert_allclose(back.p_map, record.p_map, atol=0.00501)
     assert back.confidence == pytest.approx(record.confidence, abs=0.01)
@@ -92,9 +88,7 @@ def test_what_came_back_once_never_changes_again(record: ObjectRecord) -> None:
 
 
 @given(st.dictionaries(st.sampled_from(ROOMS), shares, max_size=5), st.integers(0, 100), metres)
-def test_a_place_comes_back_with_the_beliefs_worth_keeping(
-    beliefs: dict[str, float], views: int, xmin: float
-) -> None:
+def test_a_place_comes_back_with_the_beliefs_worth_keeping(beliefs, views, xmin):
     record = PlaceRecord(BASE + "place/1", "the lab", xmin, xmin + 3, 0, 2, views, beliefs)
     (back,) = FACTS.places(stored(FACTS.of_place(record)))
     kept = {category: belief for category, belief in beliefs.items() if belief >= 0.005}

@@ -1,7 +1,5 @@
 """Floor, robot, recordings and searches in the map."""
 
-from __future__ import annotations
-
 import base64
 import math
 import zlib
@@ -219,9 +217,7 @@ def test_the_robot_comes_back(x: float, y: float, heading: float, stamp: float) 
 
 
 @given(texts, st.lists(st.floats(-1e9, 1e9), min_size=16, max_size=16))
-def test_a_recording_comes_back_with_its_transform_to_the_last_bit(
-    name: str, numbers: list[float]
-) -> None:
+def test_a_recording_comes_back_with_its_transform_to_the_last_bit(name, numbers):
     record = RecordingRecord(name, 57, "frame-000056", np.array(numbers).reshape(4, 4))
     (back,) = recordings_in(stored(recording_quads(record, ROBOT_BASE)), ROBOT_BASE)
     assert (back.name, back.frames_applied, back.last_frame) == (name, 57, "frame-000056")

@@ -1,7 +1,5 @@
 """A writer that remembers what it wrote writes what a writer that looks each time would."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -134,9 +132,7 @@ def outcome(step: Step, chart: SemanticMap, first: int) -> object:
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(steps=st.lists(STEPS, min_size=2, max_size=10))
-def test_what_is_remembered_makes_no_difference(
-    twins: tuple[SemanticMap, SemanticMap], steps: list[Step]
-) -> None:
+def test_what_is_remembered_makes_no_difference(twins, steps):
     remembering, looking = twins
     first = 10 * (remembering.sequence + 1)  # objects that no example had before
     for step in steps:
@@ -147,9 +143,7 @@ def test_what_is_remembered_makes_no_difference(
         assert shown(remembering) == shown(looking)
 
 
-def test_a_change_set_holds_nothing_that_changes_nothing(
-    twins: tuple[SemanticMap, SemanticMap],
-) -> None:
+def test_a_change_set_holds_nothing_that_changes_nothing(twins):
     chart = twins[0]
     before = set(chart.engine)
     change = chart._writer.change(MapUpdate(objects=(thing(5, 2.0, 9, "Chair"),)), Cause("frame"))

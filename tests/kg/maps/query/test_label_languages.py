@@ -1,7 +1,5 @@
 """Rows of results, and languages of labels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest
@@ -58,9 +56,7 @@ def both(flat: StoredMap) -> tuple[dict[str, tuple[Row, ...]], dict[str, tuple[R
     return before, answers(flat)
 
 
-def test_labels_in_further_languages_change_no_row(
-    both: tuple[dict[str, tuple[Row, ...]], dict[str, tuple[Row, ...]]],
-) -> None:
+def test_labels_in_further_languages_change_no_row(both):
     before, after = both
     assert {name for name, rows in after.items() if rows != before[name]} == set()
 

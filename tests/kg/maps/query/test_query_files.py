@@ -1,7 +1,5 @@
 """Questions: the shipped ones answer, parameters are checked, nothing is pasted or reaches out."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -116,9 +114,7 @@ def test_a_supercategory_finds_what_is_below_it() -> None:
 
 @settings(max_examples=40)
 @given(st.floats(-30, 30), st.floats(-30, 30), st.floats(0, 40) | st.just(1e4), st.booleans())
-def test_the_cells_never_change_what_a_distance_finds(
-    x: float, y: float, radius: float, box: bool
-) -> None:
+def test_the_cells_never_change_what_a_distance_finds(x, y, radius, box):
     name = "objects-in-box" if box else "objects-within-radius"
     values: dict[str, object] = {"x": x, "y": y, "radius": radius}
     if box:

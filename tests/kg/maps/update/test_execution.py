@@ -1,7 +1,5 @@
 """SPARQL Update worked out to quads, against what the engine does with the same text."""
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 

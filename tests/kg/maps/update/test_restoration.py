@@ -1,7 +1,5 @@
 """A past state of a map becomes its present one, whole or in part, and the history keeps both."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -84,9 +82,7 @@ def test_object_numbers_are_never_given_out_twice(flat: SemanticMap) -> None:
     assert int(flat.new_object_iri().rpartition("/")[2]) > int(new.rpartition("/")[2])
 
 
-def test_frames_written_after_it_are_as_if_never_interrupted(
-    flat: SemanticMap, frame: Frame
-) -> None:
+def test_frames_written_after_it_are_as_if_never_interrupted(flat, frame):
     objects = PerceivedObjects(flat)
     flat.update(EVERYTHING, confirmed=True)
     objects.refresh()
@@ -135,9 +131,7 @@ def test_objects_and_places_are_restored_apart(flat: SemanticMap) -> None:
     assert [place.label for place in flat.places()] == ["place 1"]
 
 
-def test_assertions_come_back_over_what_perception_believes_now(
-    flat: SemanticMap, frame: Frame
-) -> None:
+def test_assertions_come_back_over_what_perception_believes_now(flat, frame):
     flat.assertions.add(f"{BASE}object/1", "category", "cup", by="ann")
     number = flat.sequence
     flat.assertions.retract(f"{BASE}object/1", "category", by="bob")
@@ -215,9 +209,7 @@ def test_a_restoration_that_deletes_much_asks_too() -> None:
         assert home.restore(number, confirmed=True).objects_gone == 12
 
 
-def test_the_command_restores_and_counts(
-    flat: SemanticMap, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_restores_and_counts(flat, capsys):
     path, before = flat.store.where, facts(flat)
     flat.update(EVERYTHING, confirmed=True)
     flat.close()

@@ -1,7 +1,5 @@
 """Validation of updates, and the guard of deletions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -128,9 +126,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_a_badly_made_map_is_refused_and_nothing_is_written(
-    unchanged: SemanticMap, text: str
-) -> None:
+def test_a_badly_made_map_is_refused_and_nothing_is_written(unchanged, text):
     before, sequence = set(unchanged.engine), unchanged.sequence
     with pytest.raises(ShapeError) as refused:
         unchanged.update(text, by="ann")
@@ -282,9 +278,7 @@ def delete_objects(least: int, most: int) -> str:
     )
 
 
-def test_an_update_that_empties_the_map_is_refused_and_says_what_would_have_worked(
-    many: SemanticMap,
-) -> None:
+def test_an_update_that_empties_the_map_is_refused_and_says_what_would_have_worked(many):
     before, sequence = set(many.engine), many.sequence
     assert many.update("DELETE WHERE { <http://m/object/99> ?p ?o }") is None
     with pytest.raises(UnconfirmedDeletionError) as refusal:

@@ -1,7 +1,5 @@
 """Writes that others wait for: linear in the document, beside each other, within limits."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -89,9 +87,7 @@ def quads_read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.__name__)
-def test_the_work_of_a_write_is_linear_in_its_document(
-    semantic_map: StoredMap, quads_read: list[int], shape: Callable[[int], Iterator[Quad]]
-) -> None:
+def test_the_work_of_a_write_is_linear_in_its_document(semantic_map, quads_read, shape):
     taken = []
     for n in (100, 1000):
         quads = tuple(shape(n))
@@ -148,9 +144,7 @@ class Interrupted(tuple[QuadChange, ...]):
             write()
 
 
-def test_a_document_is_validated_again_when_others_change_what_it_reads(
-    semantic_map: StoredMap,
-) -> None:
+def test_a_document_is_validated_again_when_others_change_what_it_reads(semantic_map):
     """A fact that another deletes meanwhile is no change of this update any more."""
     quad, store = fact("urn:e", "urn:p", 1), semantic_map.store
     store.commit([], [quad], Cause("update", by="bob"))
@@ -214,9 +208,7 @@ def test_a_limited_write_does_not_wait_forever_for_the_lock() -> None:
         thread.join()
 
 
-def test_a_limited_write_holds_the_lock_no_longer_for_taking_it_twice(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_limited_write_holds_the_lock_no_longer_for_taking_it_twice(monkeypatch):
     monkeypatch.setattr("kg.store.scheduling.HELD", 0.02)
     with WriteLimit(60.0).in_force(), WriterLock() as lock:
         began = time.thread_time()

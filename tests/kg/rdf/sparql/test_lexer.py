@@ -1,7 +1,5 @@
 """Tokens of SPARQL, and orders of results."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterator
 

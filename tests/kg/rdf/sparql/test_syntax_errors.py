@@ -1,7 +1,5 @@
 """Syntax errors name the cause, where the parser names what it would have taken instead."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
@@ -66,9 +64,7 @@ def test_the_cause_of_a_syntax_error(semantic_map: SemanticMap, sparql: str, cau
         ("DELETE DATA { <object/1> a here:Cup ", "is not closed; a } is missing"),
     ],
 )
-def test_the_cause_of_a_syntax_error_of_an_update(
-    semantic_map: SemanticMap, sparql: str, cause: str
-) -> None:
+def test_the_cause_of_a_syntax_error_of_an_update(semantic_map, sparql, cause):
     with pytest.raises(QueryError) as refused:
         semantic_map.update(sparql)
     assert cause in str(refused.value)

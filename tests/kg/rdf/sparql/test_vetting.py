@@ -1,7 +1,5 @@
 """What is refused before a query is parsed, in whatever disguise."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,9 +52,7 @@ GAP = st.text(" \t\r\n", min_size=1, max_size=4) | st.from_regex(
 
 
 @given(st.lists(st.booleans(), min_size=7, max_size=7), GAP, GAP, st.booleans())
-def test_service_is_refused_in_any_case_and_spacing(
-    upper: list[bool], before: str, after: str, silent: bool
-) -> None:
+def test_service_is_refused_in_any_case_and_spacing(upper, before, after, silent):
     word = "".join(c.upper() if up else c for c, up in zip("service", upper, strict=True))
     middle = f"SILENT{before}" if silent else ""
     refused(f"ASK {{{word}{before}{middle}{EVIL}{after}{{?s ?p ?o}}}}")

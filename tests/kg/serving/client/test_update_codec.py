@@ -1,7 +1,5 @@
 """What a mapper or a robot saw, told as JSON and read again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields
 from typing import Any
@@ -141,9 +139,7 @@ def changed(told: Any, path: tuple[object, ...], value: object) -> Any:
         (("removed", 0), None, "update.removed[0] must be a text"),
     ],
 )
-def test_what_is_no_update_is_refused_by_the_member_at_fault(
-    path: tuple[object, ...], value: object, said: str
-) -> None:
+def test_what_is_no_update_is_refused_by_the_member_at_fault(path, value, said):
     told = changed(update_to_json(FULL), path, value)
     with pytest.raises(InvalidFactError) as refused:
         update_from_json(told)

@@ -1,7 +1,5 @@
 """An edited ontology is read with its imports, judged by file and line, told in words, taken in."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -106,9 +104,7 @@ def test_an_import_that_is_nowhere_is_named(tmp_path: Path) -> None:
         ("a.owl", "Prefix: a: <urn:a>\nOntology: <urn:a>", "line 1: this is Manchester syntax"),
     ],
 )
-def test_what_does_not_parse_is_refused_with_its_line(
-    tmp_path: Path, name: str, text: str, complaint: str
-) -> None:
+def test_what_does_not_parse_is_refused_with_its_line(tmp_path, name, text, complaint):
     (tmp_path / name).write_text(text)
     with pytest.raises(OntologyError) as error:
         load_with_imports(tmp_path / name)
@@ -137,9 +133,7 @@ def test_turtle_saved_under_the_ending_of_protege_is_read(mine: Path) -> None:
         (MUG.replace("0.6e0", "1.6e0"), "must be one number between 0 and 1"),
     ],
 )
-def test_what_is_badly_made_is_refused_with_its_line_and_the_reason(
-    tmp_path: Path, turtle: str, complaint: str
-) -> None:
+def test_what_is_badly_made_is_refused_with_its_line_and_the_reason(tmp_path, turtle, complaint):
     header = f"@prefix rdf: <{v.PREFIXES['rdf']}> .\n{HEADER}"
     path = written(tmp_path, turtle, header)
     with pytest.raises(OntologyError) as error:
@@ -297,9 +291,7 @@ def test_a_probability_edited_twice_stands_once(tmp_path: Path) -> None:
         (MUG.replace('rdfs:label "mug" ;', ""), "a term needs an rdfs:label"),
     ],
 )
-def test_an_invalid_ontology_leaves_the_map_as_it_is(
-    tmp_path: Path, turtle: str, complaint: str
-) -> None:
+def test_an_invalid_ontology_leaves_the_map_as_it_is(tmp_path, turtle, complaint):
     with in_memory_map() as semantic_map:
         before = set(semantic_map.engine)
         with pytest.raises(OntologyError, match=complaint):
@@ -322,9 +314,7 @@ def test_categories_the_map_speaks_of_and_terms_it_is_written_in_must_stay() -> 
         assert set(semantic_map.engine) == before
 
 
-def test_an_ontology_without_what_the_map_is_made_of_is_refused_unless_it_is_the_whole(
-    mine: Path,
-) -> None:
+def test_an_ontology_without_what_the_map_is_made_of_is_refused_unless_it_is_the_whole(mine):
     named_parts = "> , <".join(f"{ONTOLOGIES}/{part}" for part in ("objects", "places"))
     commonsense = f"{ONTOLOGIES}/commonsense"
     mine.write_text(mine.read_text().replace(commonsense, named_parts))
@@ -380,9 +370,7 @@ def test_an_edit_by_owlready2_is_taken_in() -> None:
         assert rows(semantic_map, "mug") == {"office": 0.6}
 
 
-def test_the_python_example_of_the_documentation_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_python_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     page = Path(__file__).resolve().parents[4] / "docs" / "how-to" / "protege.md"
     (example,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
     create_map(tmp_path / "kitchen.map").close()

@@ -1,7 +1,5 @@
 """Real SPARQL servers of other makers, each without any map."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

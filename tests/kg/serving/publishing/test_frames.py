@@ -1,7 +1,5 @@
 """Maps of different frames on one server, or merged: apart, until a transform between is known."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -43,9 +41,7 @@ def folders(tmp_path: Path) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("rule", ["viewpoints", "nearest-first"])
-def test_find_on_a_server_of_two_maps_stays_in_one_frame(
-    folders: tuple[str, str], url: str, capsys: pytest.CaptureFixture[str], rule: str
-) -> None:
+def test_find_on_a_server_of_two_maps_stays_in_one_frame(folders, url, capsys, rule):
     assert main(["publish", *folders, "--to", url, "--once"]) == 0
     assert "no way is known from" in capsys.readouterr().err
     words = ["find", url, "cup", "--rule", rule]
@@ -62,9 +58,7 @@ def test_find_on_a_server_of_two_maps_stays_in_one_frame(
     assert NORTH not in answer
 
 
-def test_a_known_transform_makes_one_plan_of_both(
-    folders: tuple[str, str], url: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_known_transform_makes_one_plan_of_both(folders, url, capsys):
     north, south = folders
     pose = ["describe", south, "--relative-to", north, "--pose", "10,0,0,90", "--by", "ann"]
     assert main(pose) == 0
@@ -93,9 +87,7 @@ def test_a_chain_of_transforms_is_followed_both_ways(folders: tuple[str, str]) -
         assert np.allclose(cup.p_map, expected[:3], atol=0.01)
 
 
-def test_merged_maps_without_a_way_compare_nothing(
-    folders: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_merged_maps_without_a_way_compare_nothing(folders, capsys):
     with merged(folders) as both:
         assert {record.iri for record in both.objects()} == {CUP, CHAIR}
         assert [record.iri for record in both.objects(near=(1.0, 0.5))] == [CHAIR]
@@ -109,9 +101,7 @@ def test_merged_maps_without_a_way_compare_nothing(
     assert {row["object"] for row in json.loads(said.out)} == {CUP, CHAIR}
 
 
-def test_agents_need_one_map(
-    folders: tuple[str, str], url: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_agents_need_one_map(folders, url, capsys):
     assert main(["publish", *folders, "--to", url, "--once"]) == 0
     assert main(["mcp", url]) == 1
     assert "holds 2 maps (north, south)" in capsys.readouterr().err
@@ -148,9 +138,7 @@ def test_a_map_of_before_frames_has_one_too(folders: tuple[str, str]) -> None:
         assert stated in old.store.native
 
 
-def test_a_served_map_takes_its_frame_from_the_command(
-    folders: tuple[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_served_map_takes_its_frame_from_the_command(folders, monkeypatch):
     token = "a-token-of-the-tests-0123"
     monkeypatch.setenv("HEREABOUTS_TOKEN", token)
     settings = Settings(port=0, tokens=BearerTokens((("ann", token.encode()),)))

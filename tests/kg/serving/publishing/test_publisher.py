@@ -1,7 +1,5 @@
 """Maps mirrored into SPARQL servers of other makers: live, resumed, and exactly."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -96,9 +94,7 @@ def caught_up(publishers: list[Publisher], robots: tuple[SemanticMap, ...]) -> b
     return all(p.acknowledged == r.sequence for p, r in zip(publishers, robots, strict=True))
 
 
-def test_two_robots_that_map_are_one_question(
-    live: list[Publisher], robots: tuple[SemanticMap, SemanticMap], url: str
-) -> None:
+def test_two_robots_that_map_are_one_question(live, robots, url):
     def drive(robot: SemanticMap) -> None:
         for step in range(10):
             see(robot, "cup", 1.0 + step)
@@ -128,9 +124,7 @@ def test_two_robots_that_map_are_one_question(
 
 
 @both
-def test_edits_corrections_and_restorations_are_mirrored(
-    live: list[Publisher], robots: tuple[SemanticMap, SemanticMap], url: str
-) -> None:
+def test_edits_corrections_and_restorations_are_mirrored(live, robots, url):
     north, south = robots
     number = north.sequence
     north.assertions.add(f"{NORTH}object/1", "category", "bowl", by="ann")
@@ -144,9 +138,7 @@ def test_edits_corrections_and_restorations_are_mirrored(
     assert published(url) == own(north.engine) | own(south.engine)
 
 
-def test_it_continues_behind_the_last_transaction_that_was_acknowledged(
-    robots: tuple[SemanticMap, SemanticMap], url: str
-) -> None:
+def test_it_continues_behind_the_last_transaction_that_was_acknowledged(robots, url):
     north, south = robots
     target = PublishTarget(url)
     lines: list[str] = []
@@ -164,9 +156,7 @@ def test_it_continues_behind_the_last_transaction_that_was_acknowledged(
     target.close()
 
 
-def test_a_stale_copy_is_brought_up_to_date_without_touching_others(
-    robots: tuple[SemanticMap, SemanticMap], url: str
-) -> None:
+def test_a_stale_copy_is_brought_up_to_date_without_touching_others(robots, url):
     north, south = robots
     target = PublishTarget(url)
     with MapServer(south, Settings(port=0)) as server:
@@ -185,9 +175,7 @@ def test_a_stale_copy_is_brought_up_to_date_without_touching_others(
 
 
 @both
-def test_a_large_map_goes_in_parts_and_a_part_alone_is_no_copy(
-    robots: tuple[SemanticMap, SemanticMap], url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_map_goes_in_parts_and_a_part_alone_is_no_copy(robots, url, monkeypatch):
     monkeypatch.setattr("kg.serving.publishing.CHUNK", 25)
     monkeypatch.setattr("kg.serving.publishing.CHUNK_OF_VIRTUOSO", 1000)
     north, _ = robots
@@ -229,9 +217,7 @@ def _settled(target: PublishTarget, url: str) -> tuple[int, set[Quad]]:
             return number, quads
 
 
-def test_a_publisher_that_is_killed_leaves_exactly_what_was_acknowledged(
-    tmp_path: Path, url: str
-) -> None:
+def test_a_publisher_that_is_killed_leaves_exactly_what_was_acknowledged(tmp_path, url):
     rng = random.Random(5)
     target = PublishTarget(url)
     with create_map(tmp_path / "north.map", base=NORTH) as north:

@@ -1,7 +1,5 @@
 """Published maps: merging, and targets that fail."""
 
-from __future__ import annotations
-
 import http.server
 import json
 import threading
@@ -73,9 +71,7 @@ def guarded() -> Iterator[str]:
         thread.join()
 
 
-def test_the_token_of_the_file_goes_to_the_target_and_nowhere_else(
-    guarded: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_token_of_the_file_goes_to_the_target_and_nowhere_else(guarded, tmp_path, monkeypatch):
     monkeypatch.setenv("HEREABOUTS_TOKEN", "of-the-map-0123456789")
     with pytest.raises(RemoteError, match="401"):
         PublishTarget(guarded, "wrong")
@@ -84,9 +80,7 @@ def test_the_token_of_the_file_goes_to_the_target_and_nowhere_else(
 
 
 @pytest.mark.parametrize("content", ["", "two tokens", None])
-def test_a_token_file_without_one_token_is_one_line(
-    content: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_token_file_without_one_token_is_one_line(content, tmp_path, capsys):
     file = tmp_path / "token"
     if content is not None:
         file.write_text(content)
@@ -123,9 +117,7 @@ def test_folders_and_served_maps_are_joined_in_one_query(north: str) -> None:
                 both.update("DELETE WHERE { ?s ?p ?o }")
 
 
-def test_the_command_merges_its_members(
-    north: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_merges_its_members(north, tmp_path, capsys):
     south = tmp_path / "south.map"
     with create_map(south, base=SOUTH) as made:
         see(made, "cup", 3.0)

@@ -1,7 +1,5 @@
 """Pages in a real browser: how tests open them and wait for what they say."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable

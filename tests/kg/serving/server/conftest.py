@@ -21,7 +21,6 @@ from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause
 from kg.serving.opening import in_memory_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
-from kg.serving.server.app_state import Planner
 from planner.questions.answers import answer_box
 from tests.kg.serving.server import browser_pages as pages
 
@@ -188,9 +187,7 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
     """Callable: settings, and limits by name -> a running server of the flat."""
     with ExitStack() as stack:
 
-        def start(
-            *, limits: Limits | None = None, planner: Planner | None = None, **settings: object
-        ) -> Served:
+        def start(*, limits=None, planner=None, **settings):
             settings.setdefault("tokens", ANN)
             wanted = Settings(port=0, limits=limits or LIMITS, **settings)  # type: ignore[arg-type]
             server = stack.enter_context(MapServer(flat, wanted, planner=planner))
@@ -287,14 +284,7 @@ def page_opener(request: pytest.FixtureRequest) -> Iterator[pages.OpenPage]:
 
     with ExitStack() as stack:
 
-        def open_one(
-            path: str = "",
-            of: Served | None = None,
-            *,
-            ready: str = "html[data-ready]",
-            script: str = "",
-            **options: Any,
-        ) -> Any:
+        def open_one(path="", of=None, *, ready="html[data-ready]", script="", **options):
             url = (of or request.getfixturevalue("shown")).url
             ours = (url, f"blob:{url}")
             context = browser.new_context(**{"viewport": pages.VIEWPORT, **options})

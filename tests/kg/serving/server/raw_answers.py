@@ -1,7 +1,5 @@
 """Answers of a server on raw sockets."""
 
-from __future__ import annotations
-
 import socket
 
 

@@ -6,7 +6,6 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
 from tests.kg.serving.server.browser_pages import OpenPage, ask, says
@@ -74,9 +73,7 @@ def test_who_opens_the_shared_address_of_an_answer_has_the_names_too(open_page: 
     assert page.is_visible("#plan h2")
 
 
-def test_what_comes_later_is_drawn_and_told(
-    own: Served, open_page: OpenPage, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_later_is_drawn_and_told(own, open_page, monkeypatch):
     # queries are answered from an old snapshot, unless they ask for what came since
     snapshots = own.server.serving.pool._snapshots
     made = snapshots.refresh
@@ -196,9 +193,7 @@ def test_a_busy_server_is_asked_again(open_page: OpenPage) -> None:
     assert page.evaluate("window.told[0]").startswith("the server is busy")
 
 
-def test_a_page_without_connection_says_so_and_follows_again(
-    own: Served, open_page: OpenPage
-) -> None:
+def test_a_page_without_connection_says_so_and_follows_again(own, open_page):
     page = open_page("", own)
     says(page, "#live", "live")
     page.route("**/changes?*", lambda route: route.abort())

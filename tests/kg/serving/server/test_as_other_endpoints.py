@@ -37,9 +37,7 @@ GRAPH = "CONSTRUCT { ?o rdfs:label ?label } { ?o a here:Cup ; rdfs:label ?label 
     ],
 )
 @pytest.mark.parametrize("how", ["format", "output"])
-def test_a_format_is_named_by_a_parameter(
-    lasting: Served, query: str, name: str, media_type: str, how: str
-) -> None:
+def test_a_format_is_named_by_a_parameter(lasting, query, name, media_type, how):
     asked = {"query": query, how: name}
     for answer in (
         lasting.get("sparql", params=asked, headers={"Accept": "text/html"}),
@@ -65,9 +63,7 @@ def test_an_unknown_format_is_refused_with_those_there_are(lasting: Served) -> N
         (["text/html,text/csv"], "text/csv"),
     ],
 )
-def test_of_several_formats_the_first_that_can_be_written_counts(
-    lasting: Served, names: list[str], media_type: str
-) -> None:
+def test_of_several_formats_the_first_that_can_be_written_counts(lasting, names, media_type):
     answer = lasting.get("sparql", params={"query": TABLE, "format": names})
     assert answer.headers["Content-Type"].partition(";")[0] == media_type
 

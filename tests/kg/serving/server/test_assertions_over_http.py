@@ -127,9 +127,7 @@ def test_a_list_a_client_has_is_not_sent_again(served: Served) -> None:
         ({"by": "bob"}, 400, "thing, property, value"),
     ],
 )
-def test_what_cannot_be_said_changes_nothing(
-    lasting: Served, told: dict[str, object], status: int, says: str
-) -> None:
+def test_what_cannot_be_said_changes_nothing(lasting, told, status, says):
     before = lasting.map.sequence
     body = json.dumps({**BOWL, **told})
     headers = {"Content-Type": "application/json", "Accept": "application/json"}
@@ -221,9 +219,7 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
 
 
 @pytest.mark.usefixtures("token")
-def test_the_commands_take_a_server_for_a_folder(
-    served: Served, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_take_a_server_for_a_folder(served, capsys):
     assert main(["assert", served.url, "object/1", "category", "bowl", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["by"], told["value"], told["contradicted"]) == ("ann", HERE + "Bowl", True)
@@ -306,8 +302,6 @@ def test_rooms_are_edited_over_http(served: Served) -> None:
         {"kind": "undo"},
     ],
 )
-def test_a_body_of_another_shape_is_refused_in_one_line(
-    lasting: Served, body: dict[str, object]
-) -> None:
+def test_a_body_of_another_shape_is_refused_in_one_line(lasting, body):
     answer = lasting.post("rooms", json=body, headers=lasting.bearer())
     assert answer.status_code == 400 and answer.text.count("\n") <= 1

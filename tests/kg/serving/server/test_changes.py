@@ -106,9 +106,7 @@ def test_only_events_are_offered(lasting: Served) -> None:
     assert lasting.get("changes", headers={"Accept": "text/html"}).status_code == 406
 
 
-def test_too_many_followers_are_refused_and_leaving_makes_room(
-    serve: Callable[..., Served],
-) -> None:
+def test_too_many_followers_are_refused_and_leaving_makes_room(serve):
     served = serve(limits=Limits(feed_clients=2))
     first, second = served.stream("changes"), served.stream("changes")
     refused = served.get("changes")

@@ -1,7 +1,5 @@
 """Characters that XML cannot hold: refused at the door, and in no XML that leaves an older map."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -137,9 +135,7 @@ XML = [
 @pytest.mark.parametrize(
     ("path", "accept", "params"), [*XML, ("graphs/map", "application/rdf+xml", {})]
 )
-def test_what_is_served_as_xml_is_xml(
-    old: Served, path: str, accept: str, params: dict[str, object]
-) -> None:
+def test_what_is_served_as_xml_is_xml(old, path, accept, params):
     found = texts(got(old.url, path, accept, **params))
     assert INSTEAD in found
     assert FINE in found, "all that XML can hold arrives as it was"

@@ -70,9 +70,7 @@ def test_a_question_is_given_as_sparql_with_its_values(shown: Served) -> None:
         ("queries/objects-by-categories?category=cup", 404, "did you mean"),
     ],
 )
-def test_values_that_do_not_fit_are_refused_in_words(
-    shown: Served, path: str, status: int, word: str
-) -> None:
+def test_values_that_do_not_fit_are_refused_in_words(shown, path, status, word):
     answer = shown.get(path)
     assert (answer.status_code, word in answer.text) == (status, True)
 
@@ -112,9 +110,7 @@ def test_the_editor_completes_words_and_marks_errors_at_their_place(open_page: O
     assert page.locator(".cm-lintRange-error").count() == 0
 
 
-def test_names_and_iris_of_others_are_text_and_no_links_elsewhere(
-    own: Served, open_page: OpenPage
-) -> None:
+def test_names_and_iris_of_others_are_text_and_no_links_elsewhere(own, open_page):
     own.map.assertions.add(f"{own.map.base}object/1", "label", HOSTILE, by="mallory")
     # what others write may come a moment later to a reader
     until(lambda: "onerror" in own.get(f"sparql?query={quote(CUPS)}").text)
@@ -225,9 +221,7 @@ def test_the_console_is_accessible_and_fits_on_a_phone(open_page: OpenPage, sche
 
 
 @pytest.mark.parametrize("path", ["", "console"])
-def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(
-    private: Served, open_page: OpenPage, path: str
-) -> None:
+def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(private, open_page, path):
     page = open_page(path, private, ready="#entry")
     page.fill("#entry-token", "a-token-that-somebody-guessed")
     page.click("#entry button")

@@ -61,9 +61,7 @@ def test_only_who_wrote_is_answered_from_what_it_wrote(serve: Callable[..., Serv
     assert sequence(**{"Here-Sequence": str(now)}) == now
 
 
-def test_a_client_is_never_answered_from_an_older_state_than_before(
-    serve: Callable[..., Served],
-) -> None:
+def test_a_client_is_never_answered_from_an_older_state_than_before(serve):
     served = serve(tokens=TOKENS, limits=Limits(staleness=0.3))
     url, seen = served.url + "sparql", []
     for number in range(40):
@@ -73,9 +71,7 @@ def test_a_client_is_never_answered_from_an_older_state_than_before(
     assert seen == sorted(seen)
 
 
-def test_subscriptions_of_one_client_leave_room_for_those_of_others(
-    serve: Callable[..., Served],
-) -> None:
+def test_subscriptions_of_one_client_leave_room_for_those_of_others(serve):
     served = serve(tokens=TOKENS, limits=Limits(standing_queries=4, client_standing_queries=2))
     query = {"query": "ASK { ?s here:x ?x }"}
     mine = bearer(GREEDY)

@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from conftest import Served
 
 
-def test_requests_wait_for_their_turn_and_too_many_are_refused(
-    serve: Callable[..., Served],
-) -> None:
+def test_requests_wait_for_their_turn_and_too_many_are_refused(serve):
     at_once, most, go_on = 0, 0, threading.Event()
 
     def planner(wanted: list[str]) -> Mapping[str, object]:

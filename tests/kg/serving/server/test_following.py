@@ -1,7 +1,5 @@
 """A served map followed from Python: its changes as they come, questions that stand."""
 
-from __future__ import annotations
-
 import queue
 import socket
 import threading
@@ -185,9 +183,7 @@ def test_a_question_stands_through_a_broken_line(served: Served, line: Line, hea
         assert changed(told) == ([1.6], [1.5])
 
 
-def test_who_listens_hears_each_change_once_whoever_makes_it(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_listens_hears_each_change_once_whoever_makes_it(served, monkeypatch):
     monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
     monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
     told: queue.Queue[ChangeSet] = queue.Queue()

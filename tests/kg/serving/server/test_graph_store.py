@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
-import requests
 from pyoxigraph import RdfFormat, parse
 
 if TYPE_CHECKING:
@@ -58,14 +57,7 @@ def test_graph_that_is_not_named_rightly_is_a_bad_request(lasting: Served, path:
     assert lasting.get(path).status_code == 400
 
 
-def send(
-    served: Served,
-    method: str,
-    path: str,
-    body: bytes | None = None,
-    kind: str = "text/turtle",
-    **more: str,
-) -> requests.Response:
+def send(served, method, path, body=None, kind="text/turtle", **more):
     """The answer to a write by the holder of the token; `more` are headers, with _ for -."""
     given = {name.replace("_", "-"): value for name, value in more.items()}
     headers = {"Content-Type": kind, **served.bearer(), **given}
@@ -94,9 +86,7 @@ def test_post_to_the_default_graph_adds_to_graph_map(served: Served) -> None:
 @pytest.mark.parametrize(
     ("body", "kind", "status"), [(b"<a> <b> .", "text/turtle", 400), (b"<p>", "text/html", 415)]
 )
-def test_body_that_does_not_parse_changes_nothing(
-    lasting: Served, body: bytes, kind: str, status: int
-) -> None:
+def test_body_that_does_not_parse_changes_nothing(lasting, body, kind, status):
     before = lasting.map.sequence
     assert send(lasting, "PUT", "graphs/map", body, kind).status_code == status
     assert lasting.map.sequence == before
@@ -176,9 +166,7 @@ DOCUMENTS = {
 @pytest.mark.parametrize(
     ("method", "graph"), [("POST", MAP), *[(m, ASSERTIONS) for m in ("POST", "PUT")]]
 )
-def test_a_relative_iri_of_a_body_is_the_map_s(
-    lasting: Served, form: str, method: str, graph: str
-) -> None:
+def test_a_relative_iri_of_a_body_is_the_map_s(lasting, form, method, graph):
     document = DOCUMENTS[form]
     if form == "text/turtle":
         document = f"@prefix rdfs: <{rdflib.RDFS}> . {document}"

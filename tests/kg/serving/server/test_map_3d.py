@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +42,6 @@ from tests.kg.serving.server.browser_pages import (
 from tests.kg.serving.server.conftest import BASE, TOKEN, answering, furnished, thing
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conftest import Served
 
     from kg.maps.semantic_map import SemanticMap
@@ -246,9 +244,7 @@ def unnamed(semantic_map: SemanticMap) -> ObjectRecord:
     )
 
 
-def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
-    own: Served, open_page: OpenPage
-) -> None:
+def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(own, open_page):
     own.map.apply(MapUpdate(objects=(unnamed(own.map),)))
     page = open_page("", own)
     says(page, "#count", "2 of 2 objects")  # not in the list
@@ -299,9 +295,7 @@ def test_the_past_has_the_things_of_that_time(own: Served) -> None:
     assert "things" not in own.get("state", params={"objects": "0"}).json()
 
 
-def test_the_selected_thing_and_near_ones_have_their_picture(
-    tmp_path: Path, on_disk: Callable[..., Any], open_page: OpenPage
-) -> None:
+def test_the_selected_thing_and_near_ones_have_their_picture(tmp_path, on_disk, open_page):
     folder = tmp_path / "flat.map"
     violet = cv2.imencode(".jpg", np.full((40, 60, 3), (220, 20, 200), np.uint8))[1].tobytes()
     with create_map(folder, base=BASE) as semantic_map:

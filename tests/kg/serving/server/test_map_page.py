@@ -32,7 +32,6 @@ from tests.kg.serving.server.conftest import TOKEN, answering, furnished
 if TYPE_CHECKING:
     from conftest import Served
 
-    from kg.maps.semantic_map import SemanticMap
 
 CUP = "object/1"
 
@@ -120,9 +119,7 @@ def test_the_past_is_shown_and_compared(eventful: Served, open_page: OpenPage) -
     says(page, "#moment", "now")
 
 
-def test_who_drags_through_time_asks_for_one_state_at_a_time(
-    eventful: Served, open_page: OpenPage
-) -> None:
+def test_who_drags_through_time_asks_for_one_state_at_a_time(eventful, open_page):
     page = open_page(of=eventful)
     page.wait_for_selector("#marks text")
     asked: list[str] = []
@@ -145,9 +142,7 @@ def test_who_drags_through_time_asks_for_one_state_at_a_time(
     assert page.input_value("#time") == "10000"
 
 
-def test_the_axis_tells_time_and_change_under_the_pointer(
-    eventful: Served, open_page: OpenPage
-) -> None:
+def test_the_axis_tells_time_and_change_under_the_pointer(eventful, open_page):
     page = open_page(of=eventful)
     page.wait_for_selector("#marks text")
     axis = page.locator("#time").bounding_box()
@@ -183,9 +178,7 @@ def test_rooms_are_compared_at_every_door(own: Served, open_page: OpenPage) -> N
     says(page, "#about h2", "pantry")
 
 
-def test_a_correction_lands_in_the_graph_and_on_other_pages(
-    own: Served, open_page: OpenPage
-) -> None:
+def test_a_correction_lands_in_the_graph_and_on_other_pages(own, open_page):
     page, other = open_page(f"#{CUP}", own), open_page("", own)
     other.click("text=All objects")
     unlock(page, "not-the-token-at-all")
@@ -236,9 +229,7 @@ def test_a_search_is_shared_and_ends_with_the_next_one(open_page: OpenPage) -> N
     says(page, "#plan", "no such thing")
 
 
-def test_of_two_searches_in_a_row_the_last_one_is_answered(
-    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
-) -> None:
+def test_of_two_searches_in_a_row_the_last_one_is_answered(serve, flat, open_page):
     begun, go_on = threading.Event(), threading.Event()
 
     def slowly(wanted: list[str]) -> Mapping[str, object]:
@@ -260,9 +251,7 @@ def test_of_two_searches_in_a_row_the_last_one_is_answered(
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_has_no_fault_of_accessibility(
-    scheme: str, eventful: Served, open_page: OpenPage
-) -> None:
+def test_the_page_has_no_fault_of_accessibility(scheme, eventful, open_page):
     pytest.importorskip("axe_playwright_python")
     page = open_page(f"#{CUP}", eventful, color_scheme=scheme, bypass_csp=True)
     says(page, "#about-history", "appeared")
@@ -293,9 +282,7 @@ def test_a_phone_shows_the_map_first_and_keeps_it(open_page: OpenPage) -> None:
     assert low["y"] + low["height"] <= end["y"] + end["height"]
 
 
-def test_rooms_are_edited_by_mouse_and_keyboard(
-    own: Served, flat: SemanticMap, open_page: OpenPage
-) -> None:
+def test_rooms_are_edited_by_mouse_and_keyboard(own, flat, open_page):
     page = open_page("#place/1", own)
     unlock(page, TOKEN)
     (place,) = flat.places()

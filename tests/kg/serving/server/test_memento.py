@@ -1,7 +1,5 @@
 """The Memento protocol (RFC 7089): things of the map as they were, by plain HTTP."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Iterator
@@ -149,9 +147,7 @@ def test_what_the_map_knows_beforehand_has_no_versions(moved: Served) -> None:
     assert moved.get("timemap").status_code == 400
 
 
-def test_a_long_list_has_the_latest_versions(
-    moved: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_list_has_the_latest_versions(moved, monkeypatch):
     monkeypatch.setattr(memento, "MAX_VERSIONS", 2)
     listed = links_of(moved.get(f"timemap?iri={CUP}").text)
     assert [one[-4:] for one, rel, _ in listed if rel == "memento"] == ["at=3", "at=5"]

@@ -81,9 +81,7 @@ def test_a_refused_ontology_leaves_a_served_map_as_it_is(served: Served, mine: P
 
 
 @pytest.mark.usefixtures("token")
-def test_a_cycle_of_a_thousand_classes_is_refused_at_once_however_it_comes(
-    served: Served, mine: Path
-) -> None:
+def test_a_cycle_of_a_thousand_classes_is_refused_at_once_however_it_comes(served, mine):
     before = set(served.map.engine)
     classes = "".join(
         f"here:C{i} a owl:Class ; rdfs:label 'c {i}' ; rdfs:subClassOf here:C{(i + 1) % 1000} .\n"
@@ -116,9 +114,7 @@ def test_a_map_that_holds_a_cycle_opens_and_is_mended(served: Served) -> None:
     assert not set(cycle) & set(served.map.engine)
 
 
-def test_a_server_wants_a_token(
-    served: Served, mine: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_wants_a_token(served, mine, monkeypatch):
     monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
     with pytest.raises(RemoteError, match=r"\(401\).*into HEREABOUTS_TOKEN"):
         reload(served.url, mine)

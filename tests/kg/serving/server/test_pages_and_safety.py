@@ -18,8 +18,6 @@ from kg.serving.server import BearerTokens, Settings
 from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from conftest import Served
@@ -101,9 +99,7 @@ def test_weak_token_and_open_host_are_refused(tmp_path: Path) -> None:
         Settings(host="0.0.0.0")
 
 
-def test_an_object_has_its_picture_or_none(
-    tmp_path: Path, on_disk: Callable[..., AbstractContextManager[Served]]
-) -> None:
+def test_an_object_has_its_picture_or_none(tmp_path, on_disk):
     folder = tmp_path / "a.map"
     with create_map(folder, base=BASE) as semantic_map:
         seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")

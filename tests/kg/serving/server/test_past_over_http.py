@@ -1,9 +1,6 @@
 """The past of a map that is being served: asked, compared, told, explained."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +13,6 @@ from pyoxigraph import Quad
 from hereabouts.cli import main
 from kg.history.reports.events import comparison_text, difference_text, log_text, reasons_text
 from kg.history.timestamps import iso
-from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError, QueryParameterError, QueryTimeoutError
 from kg.model.records import MapUpdate
@@ -37,7 +33,6 @@ COMMANDS = (
     ("why", "object/2", "--format", "ttl"),
     ("ask", "objects", "--at", "#3", "--format", "csv"),
 )
-OnDisk = Callable[..., AbstractContextManager[Served]]
 X = f"SELECT ?x {{ <{CUP}> <{v.X}> ?x }}"
 
 
@@ -141,12 +136,7 @@ def test_the_copy_of_a_history_in_memory_goes_with_the_server(served: Served) ->
 
 
 @pytest.mark.parametrize("read_only", [False, True])
-def test_every_moment_of_a_map_on_disk_is_as_its_folder_has_it(
-    written: Callable[[int], SemanticMap],
-    frame: Callable[..., MapUpdate],
-    on_disk: OnDisk,
-    read_only: bool,
-) -> None:
+def test_every_moment_of_a_map_on_disk_is_as_its_folder_has_it(written, frame, on_disk, read_only):
     with written(12) as semantic_map:
         base, folder = semantic_map.base, Path(semantic_map.store.where)
         semantic_map.update(
@@ -163,9 +153,7 @@ def test_every_moment_of_a_map_on_disk_is_as_its_folder_has_it(
         assert set(far.history.diff(3, 13).added) == set(served.map.history.diff(3, 13).added)
 
 
-def test_a_past_that_is_dropped_meanwhile_is_not_half_told(
-    written: Callable[[int], SemanticMap], on_disk: OnDisk
-) -> None:
+def test_a_past_that_is_dropped_meanwhile_is_not_half_told(written, on_disk):
     with written(6) as semantic_map:
         folder = Path(semantic_map.store.where)
     with on_disk(folder, read_only=False) as served:
@@ -280,12 +268,7 @@ def set_of(quads: tuple[Quad, ...]) -> set[Quad]:
     return set(quads)
 
 
-def test_commands_on_the_past_take_a_server_for_a_folder(
-    written: Callable[[int], SemanticMap],
-    frame: Callable[..., MapUpdate],
-    on_disk: OnDisk,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_commands_on_the_past_take_a_server_for_a_folder(written, frame, on_disk, capsys):
     def said(address: object) -> list[tuple[str, str]]:
         told = []
         for words in COMMANDS:

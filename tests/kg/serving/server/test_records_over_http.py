@@ -1,11 +1,8 @@
 """A mapper or a robot far away writes into a served map, and gets in nobody's way."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -29,7 +26,7 @@ from kg.model.records import (
     RobotRecord,
     SearchRecord,
 )
-from kg.model.transactions import Cause, Kind
+from kg.model.transactions import Cause
 from kg.serving.client.remote_map import RemoteMap
 from kg.serving.client.update_codec import update_to_json
 from kg.serving.opening import open_map
@@ -90,9 +87,7 @@ def test_a_frame_from_afar_is_one_transaction_of_the_tokens_holder(served: Serve
     ("kind", "by", "account"),
     [("import", "bob", "ann"), ("search", None, "ann"), ("search", "search/3", "search/3")],
 )
-def test_only_a_search_is_its_own_account(
-    served: Served, kind: Kind, by: str | None, account: str
-) -> None:
+def test_only_a_search_is_its_own_account(served, kind, by, account):
     with open_far(served) as far:
         change = far.apply(cup_at(far, 2.5), Cause(kind, by))
     assert change is not None
@@ -255,9 +250,7 @@ def test_labels_nobody_knows_become_categories_of_the_served_map(served: Served)
         assert other.catalogue.find("gizmo").provisional
 
 
-def test_changes_are_told_from_any_number_on(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changes_are_told_from_any_number_on(served, monkeypatch):
     monkeypatch.setattr(feed_endpoints, "PAGE", 12)
     for n in range(30):  # more than two pages hold
         served.map.apply(ROBOT if n % 2 else cup_at(served.map, n / 10))
@@ -332,9 +325,7 @@ def recording(frames: int) -> RecordingRecord:
         (409, body(seen=999, update=update_to_json(MapUpdate(removed=(CUP,))))),
     ],
 )
-def test_what_cannot_be_written_is_told_in_one_line_and_changes_nothing(
-    lasting: Served, status: int, told: object
-) -> None:
+def test_what_cannot_be_written_is_told_in_one_line_and_changes_nothing(lasting, status, told):
     before = lasting.map.sequence
     data = told if isinstance(told, bytes) else json.dumps(told).encode()
     headers = {"Content-Type": "application/json", **lasting.bearer()}
@@ -378,9 +369,7 @@ def of_kind(semantic_map: SemanticMap, kind: str) -> ObjectRecord:
         lambda m: MapUpdate(recording=recording(-1)),
     ],
 )
-def test_records_that_make_no_facts_are_the_same_error_from_afar(
-    lasting: Served, update: Callable[[SemanticMap], MapUpdate]
-) -> None:
+def test_records_that_make_no_facts_are_the_same_error_from_afar(lasting, update):
     before = lasting.map.sequence
     with open_far(lasting) as far, pytest.raises(InvalidFactError) as refused:
         far.apply(update(far))
@@ -397,9 +386,7 @@ def test_a_label_or_network_has_no_name_without_end(lasting: Served) -> None:
     assert lasting.map.sequence == before
 
 
-def test_who_may_not_write_may_not_map(
-    serve: Callable[..., Served], served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_may_not_write_may_not_map(serve, served, monkeypatch):
     for path in ("records", "numbers", "labels"):
         assert served.get(path, headers=served.bearer()).status_code == 404
         assert served.post(path, data=b"x", headers=served.bearer()).status_code == 415

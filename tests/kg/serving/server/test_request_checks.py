@@ -43,9 +43,7 @@ PATHS = (
         ("", 400),
     ],
 )
-def test_on_loopback_the_server_answers_to_this_machines_names(
-    lasting: Served, host: str, status: int
-) -> None:
+def test_on_loopback_the_server_answers_to_this_machines_names(lasting, host, status):
     assert lasting.get("health", headers={"Host": host}).status_code == status
 
 
@@ -67,9 +65,7 @@ def test_another_address_of_loopback_answers_to_itself(serve: Callable[..., Serv
         ("maps.example.org.evil.example", 421),
     ],
 )
-def test_off_loopback_it_answers_to_the_names_it_was_given_and_to_addresses(
-    serve: Callable[..., Served], host: str, status: int
-) -> None:
+def test_off_loopback_it_answers_to_the_names_it_was_given_and_to_addresses(serve, host, status):
     served = serve(host="0.0.0.0", public_hosts=("maps.example.org",))
     url = served.url.replace("0.0.0.0", "127.0.0.1")
     answer = requests.get(url + "health", headers={"Host": host}, timeout=60)
@@ -83,9 +79,7 @@ LINK = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site", "CROSS-SITE"])
 @pytest.mark.parametrize("path", [ASK, "object/1", "", "dump.nq", "health", "changes"])
-def test_scripts_and_pictures_of_pages_elsewhere_are_refused(
-    lasting: Served, path: str, site: str
-) -> None:
+def test_scripts_and_pictures_of_pages_elsewhere_are_refused(lasting, path, site):
     for mode in ("no-cors", "cors"):
         headers = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": mode, "Origin": "https://evil.example"}
         assert lasting.get(path, headers=headers).status_code == 403
@@ -133,9 +127,7 @@ def test_links_lead_to_things_but_run_no_query(lasting: Served) -> None:
     assert lasting.get(ASK, headers=LINK).status_code == 403
 
 
-def test_own_pages_typed_addresses_and_allowed_origins_are_answered(
-    serve: Callable[..., Served],
-) -> None:
+def test_own_pages_typed_addresses_and_allowed_origins_are_answered(serve):
     served = serve(allow_origins=("https://app.example",))
     for site in ("same-origin", "none"):
         assert served.get(ASK, headers={"Sec-Fetch-Site": site}).status_code == 200
@@ -154,9 +146,7 @@ def test_a_private_map_tells_strangers_nothing(private: Served, path: str) -> No
 
 
 @pytest.mark.parametrize("path", ["", "console"])
-def test_pages_of_a_private_map_ask_for_a_token_and_tell_nothing(
-    private: Served, path: str
-) -> None:
+def test_pages_of_a_private_map_ask_for_a_token_and_tell_nothing(private, path):
     page = private.get(path, headers={"Accept": "text/html"})
     assert page.status_code == 200
     assert 'id="entry-token"' in page.text

@@ -1,7 +1,5 @@
 """Large deletions and restorations over HTTP: refused, confirmed, undone, and seen by others."""
 
-from __future__ import annotations
-
 import pytest
 from pyoxigraph import Quad
 

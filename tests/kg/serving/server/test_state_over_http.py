@@ -95,9 +95,7 @@ def test_one_state_is_made_for_all(served: Served) -> None:
 
 
 @pytest.mark.parametrize("path", ["timeline", ".well-known/void", ""])
-def test_what_is_about_the_present_is_not_sent_again_and_has_no_past(
-    served: Served, path: str
-) -> None:
+def test_what_is_about_the_present_is_not_sent_again_and_has_no_past(served, path):
     first = served.get(path)
     assert (first.status_code, first.headers["Content-Encoding"]) == (200, "gzip")
     tag = {"If-None-Match": first.headers["ETag"]}

@@ -66,9 +66,7 @@ def test_the_list_of_origins_is_exact(serve: Callable[..., Served], origin: str)
     assert "Origin" in answer.headers["Vary"]
 
 
-def test_scripts_of_all_pages_may_read_where_the_map_is_open_to_them(
-    serve: Callable[..., Served],
-) -> None:
+def test_scripts_of_all_pages_may_read_where_the_map_is_open_to_them(serve):
     served, there = serve(allow_origins=("*", HERE)), {"Origin": THERE}
     preflight = allowed(served.request("OPTIONS", "sparql", headers=there))
     assert preflight["access-control-allow-origin"] == "*"
@@ -126,9 +124,7 @@ def test_half_a_head_is_hung_up_on_and_one_sent_byte_by_byte(serve: Callable[...
     assert answers_in_the_end(served)
 
 
-def test_a_body_that_is_told_to_be_too_long_is_refused_before_it_comes(
-    serve: Callable[..., Served],
-) -> None:
+def test_a_body_that_is_told_to_be_too_long_is_refused_before_it_comes(serve):
     served = serve(limits=Limits(body=1000, body_seconds=5))
     head = b"POST /sparql HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1001\r\n"
     with connect(served, head + b"Content-Type: application/sparql-query\r\n\r\nASK") as client:
@@ -230,9 +226,7 @@ def test_the_number_of_objects_is_the_summarys(served: Served) -> None:
         assert objects == count == sum(int(str(row["count"])) for row in rows), update
 
 
-def test_the_log_has_no_token_and_no_query(
-    served: Served, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_the_log_has_no_token_and_no_query(served, caplog):
     with caplog.at_level(logging.DEBUG):
         served.write("INSERT DATA { GRAPH graph:map { <urn:x> rdfs:comment 'confidential' } }")
         served.get("sparql", params={"query": "SELECT * { ?confidential ?p ?o }"})

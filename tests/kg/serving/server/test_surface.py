@@ -1,7 +1,5 @@
 """`/surface`: the voxels of a served map, over HTTP and in Python."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -43,9 +43,7 @@ def wrapper(lasting: Served) -> SPARQLWrapper:
         (JSONLD, "application/ld+json"),
     ],
 )
-def test_sparqlwrapper_reads_each_of_its_formats(
-    wrapper: SPARQLWrapper, form: str, media_type: str, method: str
-) -> None:
+def test_sparqlwrapper_reads_each_of_its_formats(wrapper, form, media_type, method):
     is_table = form in (JSON, XML, CSV, TSV)
     wrapper.setQuery(
         LABELS if is_table else "CONSTRUCT WHERE { ?o a here:Cup ; rdfs:label ?label }"

@@ -158,9 +158,7 @@ def graphs_of(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return ((NOTHING,), ()) if case.syntax or none else (case.default, case.named)
 
 
-def asked(
-    endpoint: str, session: requests.Session, case: Case, accept: str = ACCEPTED
-) -> requests.Response:
+def asked(endpoint, session, case, accept=ACCEPTED):
     """The server's answer in one of the formats of `accept`."""
     default, named = graphs_of(case)
     given = {"query": case.text, "default-graph-uri": default, "named-graph-uri": named}
@@ -278,9 +276,7 @@ def agrees(endpoint: str, session: requests.Session, case: Case, suites: Path) -
     return canonical(found, lax) == canonical(wanted, lax)
 
 
-def test_answers_are_the_ones_of_the_w3c_but_for_those_that_the_page_names(
-    suites: Path, endpoint: str
-) -> None:
+def test_answers_are_the_ones_of_the_w3c_but_for_those_that_the_page_names(suites, endpoint):
     """Entailment is no part of SPARQL's own semantics."""
     page = (Path(__file__).parents[4] / "docs/reference/standards.md").read_text("utf-8")
     named = set(re.findall(r"`([\w-]+#[\w-]+)`", page))

@@ -6,8 +6,6 @@
 # the acts are single system calls, as an attacker makes them
 # ruff: noqa: PTH101, PTH104, PTH108, PTH111, PTH123, PTH208, PTH211, T201
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import json

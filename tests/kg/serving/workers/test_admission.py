@@ -1,7 +1,5 @@
 """Fair queueing: who gets a worker, who waits, who is refused."""
 
-from __future__ import annotations
-
 from concurrent.futures import CancelledError
 from contextlib import suppress
 

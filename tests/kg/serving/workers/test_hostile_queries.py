@@ -1,7 +1,5 @@
 """Hostile queries: each ends at a limit, the pool answers on, and nothing is left behind."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import os

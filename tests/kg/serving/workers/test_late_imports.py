@@ -1,7 +1,5 @@
 """A confined worker imports nothing: what it needs, it has loaded before."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 

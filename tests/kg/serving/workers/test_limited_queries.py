@@ -1,7 +1,5 @@
 """Queries of strangers on maps in memory and on servers, within limits."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.model.errors import QueryError, QueryRefusedError, QueryTimeoutError, QueryTooLargeError

@@ -1,7 +1,5 @@
 """Requests that would kill or freeze a server: refused or ended, while everybody else is served."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator
@@ -34,9 +32,7 @@ def pool(home: SemanticMap) -> Iterator[QueryPool]:
 
 
 @pytest.mark.parametrize("number", range(len(document_bombs())))
-def test_a_document_that_would_take_all_memory_or_stack_is_refused(
-    pool: QueryPool, number: int
-) -> None:
+def test_a_document_that_would_take_all_memory_or_stack_is_refused(pool, number):
     kind, body = document_bombs()[number]
     form = RdfFormat.from_media_type(kind)
     assert form is not None
@@ -72,9 +68,7 @@ def test_a_deeply_nested_update_is_refused(home: SemanticMap, pool: QueryPool, s
         update_map(pool, home, UpdateRequest(sparql), by=None)
 
 
-def test_a_runaway_update_is_ended_and_others_write_meanwhile(
-    home: SemanticMap, pool: QueryPool
-) -> None:
+def test_a_runaway_update_is_ended_and_others_write_meanwhile(home, pool):
     errors: list[Exception] = []
 
     def run() -> None:
@@ -97,9 +91,7 @@ def test_a_runaway_update_is_ended_and_others_write_meanwhile(
     assert None not in written
 
 
-def test_updates_that_read_what_others_write_meanwhile_lose_nothing(
-    home: SemanticMap, pool: QueryPool
-) -> None:
+def test_updates_that_read_what_others_write_meanwhile_lose_nothing(home, pool):
     home.update("INSERT DATA { GRAPH <urn:count> { <urn:counter> <urn:is> 0 } }")
     increment = (
         "WITH <urn:count> DELETE { <urn:counter> <urn:is> ?n } "
@@ -119,9 +111,7 @@ def test_updates_that_read_what_others_write_meanwhile_lose_nothing(
     assert home.query("SELECT ?n { <urn:counter> <urn:is> ?n }").rows == ((15,),)
 
 
-def test_an_update_of_several_operations_sees_its_own_changes(
-    home: SemanticMap, pool: QueryPool
-) -> None:
+def test_an_update_of_several_operations_sees_its_own_changes(home, pool):
     sparql = (
         "INSERT DATA { GRAPH <urn:one> { <urn:a> <urn:b> 1 } } ; "
         "INSERT { GRAPH <urn:two> { ?s ?p ?o } } WHERE { GRAPH <urn:one> { ?s ?p ?o } } ; "

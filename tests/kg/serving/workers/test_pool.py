@@ -1,7 +1,5 @@
 """Queries in worker processes: right answers, from a state of the map that is known."""
 
-from __future__ import annotations
-
 import asyncio
 import csv
 import io
@@ -113,9 +111,7 @@ def test_maps_in_memory_and_maps_open_for_reading_are_answered_as_well(tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == ["still"]
 
 
-def test_snapshots_live_beside_the_map_and_are_removed_with_the_pool(
-    live: SemanticMap, tmp_path: Path
-) -> None:
+def test_snapshots_live_beside_the_map_and_are_removed_with_the_pool(live, tmp_path):
     with QueryPool(live, refresh=0) as pool:
         for number in range(5):
             write(live, number)
@@ -206,9 +202,7 @@ def test_a_shorter_time_limit_holds_and_a_longer_one_is_cut(live: SemanticMap) -
                 pool.run(ENDLESS, timeout=timeout)
 
 
-def test_a_slow_start_of_a_worker_is_not_taken_off_a_querys_time(
-    live: SemanticMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_start_of_a_worker_is_not_taken_off_a_querys_time(live, monkeypatch):
     monkeypatch.setattr(process, "_START", f"import time; time.sleep(3); {process._START}")
     with QueryPool(live, workers=1) as pool:
         assert pool.run("ASK {}", timeout=2).body
@@ -247,9 +241,7 @@ def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: Quer
     assert b"true" in pool.run("ASK {}", at=0).body
 
 
-def test_the_state_of_the_map_waits_for_a_busy_processor_and_a_query_does_not(
-    live: SemanticMap,
-) -> None:
+def test_the_state_of_the_map_waits_for_a_busy_processor_and_a_query_does_not(live):
     state = {"base": live.base, "objects": True, "surface": 0}
     with QueryPool(live, workers=1, timeout=0.5) as pool:
 

@@ -1,7 +1,5 @@
 """What became of detections: counted while frames are mapped, kept in the map's folder."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Boxes of objects: grown from the surface, fitted to the views, kept while they are the same."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Boxes beside walls: parallel to them, unless the surface is clear, and not through them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Departures, moves and merges of objects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -79,9 +77,7 @@ def test_after_a_restart_what_left_is_found_elsewhere(tmp_path: Path, step_back:
         assert check_map(semantic_map.engine) == []
 
 
-def test_what_another_mapper_found_gone_is_found_elsewhere(
-    semantic_map: SemanticMap, step_back: View
-) -> None:
+def test_what_another_mapper_found_gone_is_found_elsewhere(semantic_map, step_back):
     mapper = Mapper(semantic_map)
     see(mapper, step_back, CUP)
     (cup,) = semantic_map.objects()
@@ -104,9 +100,7 @@ def test_what_people_delete_is_not_found_again(semantic_map: SemanticMap, step_b
     assert new.iri != cup.iri
 
 
-def test_what_people_say_is_not_there_is_not_remembered(
-    semantic_map: SemanticMap, step_back: View
-) -> None:
+def test_what_people_say_is_not_there_is_not_remembered(semantic_map, step_back):
     mapper = Mapper(semantic_map)
     see(mapper, step_back, CUP)
     (cup,) = semantic_map.objects()

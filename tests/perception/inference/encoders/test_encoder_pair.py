@@ -1,7 +1,5 @@
 """Encoders in files with the interfaces of the public exports, and files that do not belong."""
 
-from __future__ import annotations
-
 import shutil
 
 import cv2

@@ -1,7 +1,5 @@
 """An IMU at rest tells where up is, for poses that are estimated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

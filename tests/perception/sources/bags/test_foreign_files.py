@@ -1,7 +1,5 @@
 """Files of bags that other programs write: other schemas and encodings, split and cut files."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Callable
@@ -46,9 +44,7 @@ def raws(tmp_path: Path) -> list[Any]:
         return list(bag.messages({topic.name for topic in bag.topics}))
 
 
-def test_messages_are_read_by_the_encoding_of_their_channel(
-    tmp_path: Path, raws: list[Any]
-) -> None:
+def test_messages_are_read_by_the_encoding_of_their_channel(tmp_path, raws):
     def plain(kind: str) -> str:
         return kind.replace("/msg/", "/")
 

@@ -1,7 +1,5 @@
 """Folders as other programs leave them: what is read, and what is named."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 

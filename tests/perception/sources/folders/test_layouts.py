@@ -1,7 +1,5 @@
 """Layouts of data sets, of programs and of Windows: the room written as they have it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """Recordings of Record3D: .r3d files written with the library that reads them."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from collections.abc import Callable
@@ -81,9 +79,7 @@ def test_up_is_that_of_the_phone(phone: Phone) -> None:
 
 
 @pytest.mark.parametrize("poses", [None, [], [[0, 0, 0, 1, 0, 0, 0]] * 6])
-def test_poses_that_are_missing_or_all_the_same_are_not_believed(
-    phone: Phone, poses: object
-) -> None:
+def test_poses_that_are_missing_or_all_the_same_are_not_believed(phone, poses):
     path = phone(0, {"poses": poses})
     with pytest.raises(RecordingError, match=r"has no poses|one pose for all of its frames"):
         open_recording(path, RecordingOptions(estimate_poses=False))

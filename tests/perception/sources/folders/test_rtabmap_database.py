@@ -1,7 +1,5 @@
 """Databases as RTAB-Map writes them: its schema, its serialisation of cameras, images and poses."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Recordings of a phone with LiDAR, held upright or on its side."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -131,9 +129,7 @@ def _playlist(path: Path) -> None:
         ("confidence/000002.png", _cut, "truncated"),
     ],
 )
-def test_damage_is_refused(
-    phone: Phone, name: str, damage: Callable[[Path], None], said: str
-) -> None:
+def test_damage_is_refused(phone, name, damage, said):
     folder = phone()
     damage(folder / name)
     with pytest.raises(RecordingError, match=said):

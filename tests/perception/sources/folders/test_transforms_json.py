@@ -1,7 +1,5 @@
 """nerfstudio's transforms.json and Polycam's raw export, written from a recording with poses."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

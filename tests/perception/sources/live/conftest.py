@@ -1,7 +1,5 @@
 """A room as messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

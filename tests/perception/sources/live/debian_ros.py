@@ -1,7 +1,5 @@
 """Programs of Debian's ROS."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 from collections.abc import Iterator

@@ -1,18 +1,15 @@
 """A peer of Fast DDS, the DDS of Humble and Jazzy, as a process: publisher and subscriber."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import threading
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
 
-from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.ros.message_types import message_types, serialised
 
 SOURCE = Path(__file__).with_name("fastdds") / "peer.cpp"
@@ -39,13 +36,7 @@ def program() -> str:
 class FastDdsPeer:
     """A publisher of `types` (topic -> type) as `Ros2Publisher` is one; it subscribes, too."""
 
-    def __init__(
-        self,
-        domain: Ros2Domain,
-        types: Mapping[str, str],
-        latched: frozenset[str] = frozenset(),
-        best: frozenset[str] = frozenset(),
-    ) -> None:
+    def __init__(self, domain, types, latched=frozenset(), best=frozenset()):
         words = [program(), str(domain.number)]
         self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._types, self._matched = dict(types), Counter[str]()
@@ -56,9 +47,7 @@ class FastDdsPeer:
         for topic, kind in types.items():
             self._declare("pub", topic, kind, best=topic in best, latched=topic in latched)
 
-    def subscribe(
-        self, topic: str, kind: str, heard: Callable[[Any], object], *, latched: bool = False
-    ) -> None:
+    def subscribe(self, topic, kind, heard, *, latched=False):
         """Call `heard` with each message of a topic, in a thread of its own."""
         self._heard[topic] = kind, heard
         self._declare("sub", topic, kind, best=False, latched=latched)

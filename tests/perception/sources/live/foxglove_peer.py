@@ -1,7 +1,5 @@
 """A Foxglove WebSocket server, as its protocol has it."""
 
-from __future__ import annotations
-
 import json
 import struct
 import threading

@@ -1,7 +1,5 @@
 """A ROS 1 master, as far as publishers and those that ask it for topics need one."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

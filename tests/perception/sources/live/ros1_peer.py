@@ -1,7 +1,5 @@
 """A node of ROS 1 that publishes, as the wire protocol has it, beside its master."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

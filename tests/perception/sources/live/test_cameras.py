@@ -1,7 +1,5 @@
 """Several cameras of one stream: each has its turn, its topics and its counts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -56,9 +54,7 @@ FRONT, REAR = (f"/{name}{COLOUR.removeprefix('/camera')}" for name in ("front", 
 
 
 @pytest.mark.parametrize("names", [["front", "rear"], [FRONT, "rear"], ["front"], [FRONT, REAR]])
-def test_cameras_give_frames_by_turns_though_each_has_a_newer_one(
-    names: list[str], parts: Parts
-) -> None:
+def test_cameras_give_frames_by_turns_though_each_has_a_newer_one(names, parts):
     made, given = begun(names, parts[0]), []
     for part in parts[1:]:
         frame = made.next_frame(5)
@@ -89,9 +85,7 @@ def test_cameras_give_frames_by_turns_though_each_has_a_newer_one(
         (["front", FRONT], f"cameras front and {FRONT} are both of /front/"),
     ],
 )
-def test_cameras_that_are_not_there_or_one_are_refused(
-    names: list[str], said: str, parts: Parts
-) -> None:
+def test_cameras_that_are_not_there_or_one_are_refused(names, said, parts):
     with pytest.raises(RecordingError, match=said) as caught:
         begun(names, parts[0]).next_frame(5)
     assert "\n" not in str(caught.value)

@@ -1,7 +1,5 @@
 """Real peers on real sockets: ROS 1 and Foxglove, whole, broken off, and hostile."""
 
-from __future__ import annotations
-
 import json
 import struct
 import threading
@@ -112,9 +110,7 @@ RIGHT = header({"type": "sensor_msgs/CompressedImage", "md5sum": "x"})
         (RIGHT + struct.pack("<I", 1000) + b"cut", "closed"),
     ],
 )
-def test_a_hostile_ros1_node_is_left_and_tried_again(
-    messages: Messages, caplog: pytest.LogCaptureFixture, spoilt: bytes, said: str
-) -> None:
+def test_a_hostile_ros1_node_is_left_and_tried_again(messages, caplog, spoilt, said):
     raws = messages(".bag")
     with ros1_peer(types_of(raws, ros1=True)) as peer:
         peer.spoil = lambda topic: spoilt if topic == COLOUR else None
@@ -165,9 +161,7 @@ def test_addresses_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(("suffix", "encoding"), [(".bag", "ros1"), (".mcap", "cdr")])
-def test_foxglove_channels_become_frames(
-    room: FolderRecording, messages: Messages, suffix: str, encoding: str
-) -> None:
+def test_foxglove_channels_become_frames(room, messages, suffix, encoding):
     raws = messages(suffix)
     types = types_of(raws, ros1=encoding == "ros1")
     with foxglove_peer(types, encoding) as peer, running(FoxgloveConnection(peer.address)) as made:
@@ -197,9 +191,7 @@ def test_foxglove_channels_become_frames(
         b"\x09" + b"\x00" * 500,
     ],
 )
-def test_a_hostile_foxglove_server_is_left_or_ignored(
-    messages: Messages, greeting: str | bytes
-) -> None:
+def test_a_hostile_foxglove_server_is_left_or_ignored(messages, greeting):
     raws = messages(".mcap")
     with foxglove_peer(types_of(raws, ros1=False), "cdr") as peer:
         peer.greeting = [greeting]
@@ -211,9 +203,7 @@ def test_a_hostile_foxglove_server_is_left_or_ignored(
             frame_of(made)
 
 
-def test_what_is_no_foxglove_server_is_tried_again(
-    messages: Messages, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_is_no_foxglove_server_is_tried_again(messages, caplog):
     with fake_master() as other:
         address = f"ws://127.0.0.1:{other.address.port}"
         with running(FoxgloveConnection(address)):

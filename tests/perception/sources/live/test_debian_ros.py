@@ -1,7 +1,5 @@
 """A bag played by ROS itself, where it is installed (Debian: ros-core, python3-rosbag)."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import threading

@@ -1,7 +1,5 @@
 """Topics of a ROS 2 domain with a peer of Fast DDS: the DDS of Humble and Jazzy."""
 
-from __future__ import annotations
-
 import threading
 from queue import SimpleQueue
 from typing import Any
@@ -15,7 +13,6 @@ from perception.sources.live import stream
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.live.stream import FrameStream
-from perception.sources.recording import FolderRecording
 from perception.sources.ros.message_maker import MessageMaker
 from tests.perception.sources.live.fast_dds import REASON, FastDdsPeer, is_there
 from tests.perception.sources.live.test_ros2 import DOMAIN
@@ -54,9 +51,7 @@ def test_a_late_subscriber_hears_the_last_message() -> None:
 
 
 @pytest.mark.parametrize("is_best_effort", [True, False], ids=["sensor data", "reliable"])
-def test_images_and_transforms_become_frames(
-    is_best_effort: bool, room: FolderRecording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_images_and_transforms_become_frames(is_best_effort, room, monkeypatch):
     monkeypatch.setattr(stream, "SETTLING", 0.1)
     domain, make, over = Ros2Domain(DOMAIN + 4), MessageMaker(is_ros1=False), threading.Event()
     frame = next(iter(room.frames()))

@@ -1,7 +1,5 @@
 """Recordings that grow: a frame is given once both of its images are there."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

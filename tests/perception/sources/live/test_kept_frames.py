@@ -1,7 +1,5 @@
 """Frames of a live camera are kept until its run ends, and read again by other poses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A live camera without poses is tracked; where it is lost, nothing is given to be mapped."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -72,9 +70,7 @@ class Nothing:
 
 
 @pytest.fixture
-def live(
-    shared: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., tuple[LiveRecording, FolderRecording]]:
+def live(shared, tmp_path, monkeypatch):
     """Callable: first frame, number -> live images without poses, and the same with true ones."""
     for name in ("SETTLING", "SILENT", "UNPOSED"):
         monkeypatch.setattr(stream, name, 0.0)

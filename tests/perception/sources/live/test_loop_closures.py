@@ -1,7 +1,5 @@
 """Poses of frames follow the path that a SLAM corrects, or the jumps of map -> odom alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -118,9 +116,7 @@ def errors(loops: LoopClosures, last: int = HALF) -> np.ndarray:
     ],
     ids=["path", "graph", "of the camera", "late"],
 )
-def test_frames_lie_on_the_corrected_path(
-    tell: Callable[[int], tuple[str, object] | None], last: int
-) -> None:
+def test_frames_lie_on_the_corrected_path(tell, last):
     loops = Drive("/slam", tell=tell).run()
     assert 0.3 < loops.moved < 0.6
     assert errors(loops, last).max() < 0.01
@@ -137,9 +133,7 @@ def test_a_jump_is_spread_over_the_way_before_it() -> None:
 @pytest.mark.parametrize(
     ("jump", "said"), [(flat(3.0, 0.0, 0.0), "jumped by 3.00 m"), (flat(0.05, 0.0, 0.0), "")]
 )
-def test_what_is_no_drift_moves_nothing(
-    jump: Pose, said: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_is_no_drift_moves_nothing(jump, said, caplog):
     loops = Drive(TF, jump).run()
     assert loops.moved == 0.0
     assert said in caplog.text and bool(said) == bool(caplog.text)
@@ -156,8 +150,6 @@ def unstamped(n: int) -> tuple[str, object]:
         (lambda n: path(n, frame="world"), "--map-frame world"),
     ],
 )
-def test_a_path_of_no_use_is_refused(
-    tell: Callable[[int], tuple[str, object] | None], said: str
-) -> None:
+def test_a_path_of_no_use_is_refused(tell, said):
     with pytest.raises(RecordingError, match=said):
         Drive("/slam", tell=tell).run()

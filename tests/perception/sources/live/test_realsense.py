@@ -1,10 +1,8 @@
 """RealSense cameras: files of librealsense, which the library itself plays as it would a device."""
 
-from __future__ import annotations
-
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -97,9 +95,7 @@ def test_frames_have_depth_where_colour_sees_it(room: Path, room_views: list[Pos
 
 
 @pytest.fixture
-def played(
-    shared: Callable[[str], Path], tmp_path: Path
-) -> Callable[..., tuple[LiveRecording, dict[str, Frame]]]:
+def played(shared, tmp_path):
     """Callable: real images with an accelerometer that says up of the first, or is shaken."""
 
     def make(*, shaken: bool) -> tuple[LiveRecording, dict[str, Frame]]:
@@ -158,9 +154,7 @@ def test_a_camera_that_is_unplugged_ends_with_a_line(room: Path) -> None:
 @pytest.mark.parametrize(
     ("streams", "said"), [(["depth"], "its streams: depth"), (["color"], "its streams: color")]
 )
-def test_a_camera_without_colour_or_depth_is_refused(
-    tmp_path: Path, streams: list[str], said: str
-) -> None:
+def test_a_camera_without_colour_or_depth_is_refused(tmp_path, streams, said):
     images = [(np.zeros((*SIZE[::-1], 3), np.uint8), np.ones(SIZE[::-1], np.float32))]
     record(tmp_path / "half.db3", images, K, streams=streams)
     with pytest.raises(RecordingError, match=f"no colour with depth; {said}"):

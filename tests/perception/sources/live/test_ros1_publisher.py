@@ -1,7 +1,5 @@
 """What a node of ours publishes, as others hear it: whole, latched, restarted, and hostile."""
 
-from __future__ import annotations
-
 import http.client
 import queue
 import socket

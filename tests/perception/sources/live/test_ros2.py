@@ -1,7 +1,5 @@
 """ROS 2 topics of Cyclone DDS peers, on the loopback interface."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -92,9 +90,7 @@ def frame_of(made: FrameStream) -> np.ndarray:
     return frame.rgb
 
 
-def test_topics_become_frames_also_after_the_node_was_killed(
-    room: FolderRecording, bag: Path
-) -> None:
+def test_topics_become_frames_also_after_the_node_was_killed(room, bag):
     frames = [frame.rgb for frame in room.frames()]
 
     def is_of_room(rgb: np.ndarray) -> bool:
@@ -225,9 +221,7 @@ class Matched(Listener):
         (ros2_peer.Image, (RELIABLE, KEPT), (BEST_EFFORT, NOT_KEPT)),
     ],
 )
-def test_a_reader_requests_the_quality_that_its_writer_offers(
-    type_: type, offered: tuple[object, ...], requested: tuple[object, ...]
-) -> None:
+def test_a_reader_requests_the_quality_that_its_writer_offers(type_, offered, requested):
     participant = DomainParticipant(DOMAIN)
     matched, name = Matched(), f"/quality_{uuid.uuid4().hex}"
     made = Topic(participant, f"rt{name}", type_)
@@ -288,9 +282,7 @@ def test_a_topic_is_read_as_all_that_write_it_allow() -> None:
 @pytest.mark.parametrize(
     "variable", [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")]
 )
-def test_the_variables_of_ros_configure_the_network(
-    bag: Path, monkeypatch: pytest.MonkeyPatch, variable: tuple[str, str]
-) -> None:
+def test_the_variables_of_ros_configure_the_network(bag, monkeypatch, variable):
     assert network_settings({}) == network_settings({"ROS_LOCALHOST_ONLY": "0"}) == ""
     with peer(bag):  # in a process of its own, on the loopback interface alone
         monkeypatch.setenv("CYCLONEDDS_URI", "")
@@ -299,9 +291,7 @@ def test_the_variables_of_ros_configure_the_network(
             frame_of(made)
 
 
-def test_a_domain_without_a_topic_is_told_with_what_may_help(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_domain_without_a_topic_is_told_with_what_may_help(monkeypatch, caplog):
     monkeypatch.setattr(ros2, "ALONE", 0.1)
     monkeypatch.setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:11811")
     with reading("/nothing"):

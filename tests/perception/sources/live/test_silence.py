@@ -1,17 +1,13 @@
 """A live recording whose images, depth or poses dry up and return: one line each, over the wire."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
 pytest.importorskip("websockets")
 from perception.sources.bag_writer import COLOUR, DEPTH
-from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live import silence, stream
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.live_recording import LiveRecording
@@ -33,12 +29,8 @@ ALWAYS = ("/tf_static", "/hereabouts/recording")
     ],
 )  # fmt: skip
 def test_what_dried_up_is_told_once_and_once_that_it_returned(
-    messages: Callable[[str], list[RawMessage]],
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    topic: str,
-    said: str,
-) -> None:
+    messages, monkeypatch, caplog, topic, said
+):
     monkeypatch.setattr(silence, "DRY", 0.5)
     monkeypatch.setattr(stream, "SETTLING", 0.1)
     raws, ended, missing = messages(".bag"), threading.Event(), threading.Event()

@@ -1,10 +1,7 @@
 """Messages become frames by the rules of bags; the newest first, and each one that came counted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,6 @@ from perception.sources.bags.bag_file import RawMessage
 from perception.sources.listing import Streams
 from perception.sources.live import connection, stream
 from perception.sources.live.stream import FrameStream
-from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
 from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import message_types, serialised
@@ -75,9 +71,7 @@ def uneven(begun: Begun) -> tuple[FrameStream, RawMessage, RawMessage]:
 
 
 @pytest.mark.parametrize(("suffix", "is_ros1"), [(".bag", True), (".mcap", False)])
-def test_frames_are_those_of_the_recording(
-    room: FolderRecording, messages: Messages, suffix: str, is_ros1: bool
-) -> None:
+def test_frames_are_those_of_the_recording(room, messages, suffix, is_ros1):
     made = FrameStream("peer")
     for part, frame in zip(by_frame(messages(suffix)), room.frames(), strict=True):
         offered(made, part, is_ros1=is_ros1)
@@ -155,9 +149,7 @@ def test_a_link_may_come_after_both_of_its_frames_are_known() -> None:
     assert np.allclose(frame.T_map_cam, view.T, atol=1e-6)
 
 
-def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(
-    room: FolderRecording, messages: Messages
-) -> None:
+def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(room, messages):
     made = offered(FrameStream("peer"), messages(".bag"))
     assert np.array_equal(taken(made).rgb, room.frame(5).rgb)
     assert made.next_frame(0) is None
@@ -200,9 +192,7 @@ def test_a_pose_beyond_the_last_transform_is_waited_for(begun: Begun) -> None:
     taken(made)
 
 
-def test_a_nearer_depth_image_is_waited_for(
-    uneven: tuple[Any, Any, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_nearer_depth_image_is_waited_for(uneven, monkeypatch):
     monkeypatch.setattr(stream, "PATIENCE", 60.0)
     made, colour, depth = uneven
     assert made._newest() is None  # a nearer one may come
@@ -213,9 +203,7 @@ def test_a_nearer_depth_image_is_waited_for(
     assert entry.depth.seconds == pytest.approx(entry.stamp + 0.005)
 
 
-def test_a_nearer_depth_image_is_not_waited_for_without_end(
-    uneven: tuple[Any, Any, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_nearer_depth_image_is_not_waited_for_without_end(uneven, monkeypatch):
     monkeypatch.setattr(stream, "PATIENCE", 0.0)
     entry = uneven[0]._newest()
     assert entry.depth.seconds == pytest.approx(entry.stamp - 0.015)
@@ -267,9 +255,7 @@ def test_a_camera_that_changes_is_taken(begun: Begun, caplog: pytest.LogCaptureF
     assert caplog.text.count("has changed") == 1
 
 
-def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(
-    begun: Begun, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(begun, caplog):
     made, (second, *_) = begun
     types = message_types(True)
 
@@ -357,9 +343,7 @@ def moved(raw: RawMessage, seconds: int = 0, milliseconds: int = 0) -> RawMessag
     return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
 
 
-def test_all_that_waits_is_bounded_in_size(
-    messages: Messages, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_that_waits_is_bounded_in_size(messages, monkeypatch):
     raws = [raw for raw in messages(".bag") if raw.topic == DEPTH]
     most = 3 * len(raws[0].data)
     monkeypatch.setattr(stream, "MAX_BYTES", most)

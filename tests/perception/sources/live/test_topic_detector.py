@@ -1,7 +1,5 @@
 """Detections of another program, with the stamps of their images, as those of frames."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -97,9 +95,7 @@ def test_a_box_in_space_counts_as_its_outline(room: FolderRecording, messages: M
     assert detector.detect(frame).label == ("cup",)
 
 
-def test_a_storm_of_detections_is_bounded_and_told_once(
-    messages: Messages, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_storm_of_detections_is_bounded_and_told_once(messages, caplog):
     first, second, *_ = by_frame(messages(".bag"))
     detector = TopicDetector(TOPIC)
     made = FrameStream("peer", detections=detector)

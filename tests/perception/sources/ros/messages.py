@@ -1,7 +1,5 @@
 """Messages as any source may deliver them: plain objects with the fields of ROS."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace as Message
 
 import numpy as np
@@ -29,9 +27,7 @@ def image(array: np.ndarray, encoding: str, *, padding: int = 0, big: bool = Fal
     )
 
 
-def transform(
-    parent: str, child: str, stamp: float, t=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)
-) -> Message:
+def transform(parent, child, stamp, t=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)):
     return Message(
         header=header(stamp, parent),
         child_frame_id=child,

@@ -1,7 +1,5 @@
 """Images of messages are what a camera saw, whatever their encoding."""
 
-from __future__ import annotations
-
 import struct
 from types import SimpleNamespace as Message
 

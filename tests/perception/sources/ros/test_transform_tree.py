@@ -1,7 +1,5 @@
 """Transforms and camera messages of ROS."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace as Message
 
 import numpy as np

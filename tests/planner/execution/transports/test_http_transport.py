@@ -1,7 +1,5 @@
 """A robot behind an address: a real server on loopback, and ones that are hostile."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Iterator
@@ -122,9 +120,7 @@ def _receive(robot: HttpRobot) -> None:
         (b" " * ((4 << 20) + 1), 200, {}, "more than 4194304 bytes"),
     ],
 )
-def test_hostile_answers_are_one_error(
-    body: bytes, status: int, headers: dict[str, str], said: str
-) -> None:
+def test_hostile_answers_are_one_error(body, status, headers, said):
     hostile = _answering(body, status, **headers)
     with _serving(hostile) as url, pytest.raises(RobotError, match=said):
         _receive(HttpRobot(url))

@@ -3,8 +3,6 @@
 That a thing is found is in tests/hereabouts/cli/test_whole_robot.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -85,9 +83,7 @@ def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
 
 
 @pytest.mark.parametrize("wire", ["dds", "bridge"])
-def test_the_way_that_nav2_feeds_back_is_told(
-    wire: str, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_way_that_nav2_feeds_back_is_told(wire, semantic_map, tmp_path):
     ways = list[Event]()
 
     def on_event(event: Event) -> None:
@@ -104,9 +100,7 @@ def test_the_way_that_nav2_feeds_back_is_told(
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_where_all_goals_are_aborted_nothing_could_be_reached(
-    wire: str, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_where_all_goals_are_aborted_nothing_could_be_reached(wire, semantic_map, tmp_path):
     with running(node(wire, "no way")) as made:
         outcome = search(semantic_map, ["orange"], robot(made, tmp_path))
     assert outcome.state == "given up"
@@ -115,9 +109,7 @@ def test_where_all_goals_are_aborted_nothing_could_be_reached(
 
 
 @pytest.mark.parametrize("wire", ["dds", "bridge"])
-def test_the_goal_under_way_is_cancelled_at_the_end(
-    wire: str, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_goal_under_way_is_cancelled_at_the_end(wire, semantic_map, tmp_path):
     with running(node(wire, "slow")) as made:
         options = SearchOptions(stopping=lambda: made._active is not None)
         assert search(semantic_map, ["orange"], robot(made, tmp_path), options).state == "stopped"
@@ -133,12 +125,8 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
 @pytest.mark.parametrize("is_taken", [True, False], ids=["taken", "sent"])
 @pytest.mark.parametrize("wire", WIRES)
 def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
-    wire: str,
-    is_taken: bool,
-    semantic_map: SemanticMap,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    wire, is_taken, semantic_map, tmp_path, monkeypatch
+):
     monkeypatch.setattr(navigation, "GONE", 2.0)
     with running(node(wire, "slow")) as made:
         driven = robot(made, tmp_path)

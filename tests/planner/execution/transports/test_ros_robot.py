@@ -1,7 +1,5 @@
 """Searches behind a ROS 1 master: a house's camera, real detections, and navigation that fails."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Sequence
@@ -87,9 +85,7 @@ class Blind(Ros1HouseNode):
         pass
 
 
-def test_a_thing_is_found_by_driving_through_a_house(
-    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_a_thing_is_found_by_driving_through_a_house(master, semantic_map, tmp_path):
     with running(Ros1HouseNode(master.address, house(), START, rate=5)):
         outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path))
     assert outcome.state == "found"
@@ -106,14 +102,7 @@ def test_a_thing_is_found_by_driving_through_a_house(
         (Deaf, "did not work: /move_base has not named its goal for 0.5 s"),
     ],
 )
-def test_why_a_goal_failed_is_said(
-    master: FakeMaster,
-    semantic_map: SemanticMap,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    node: type[Ros1HouseNode],
-    said: str,
-) -> None:
+def test_why_a_goal_failed_is_said(master, semantic_map, tmp_path, monkeypatch, node, said):
     monkeypatch.setattr(navigation, "ANSWER", 0.5)
     events: list[Event] = []
     options = SearchOptions(
@@ -149,9 +138,7 @@ def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachab
     assert not semantic_map.searches.obstacles(record.iri)
 
 
-def test_the_goal_under_way_is_cancelled_at_the_end(
-    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_goal_under_way_is_cancelled_at_the_end(master, semantic_map, tmp_path):
     with running(Ros1HouseNode(master.address, furnished_house(), START, rate=0.2)) as node:
         options = SearchOptions(stopping=lambda: node._active is not None)
         outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path), options)
@@ -160,9 +147,7 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
         assert [goal.text for goal in node._goals] == ["cancelled"]
 
 
-def test_what_is_missing_is_said_before_the_search_begins(
-    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
+def test_what_is_missing_is_said_before_the_search_begins(master, semantic_map, tmp_path):
     def fails(**settings: Any) -> str:
         with pytest.raises(RobotError) as error:
             search(semantic_map, ["orange"], robot(master.address, tmp_path, **settings))
@@ -183,9 +168,7 @@ class SideCamera(CameraModel):
         return super().pose(x, y, heading + np.pi / 2)
 
 
-def test_a_camera_that_looks_aside_is_turned_towards_what_is_to_be_seen(
-    master: FakeMaster, tmp_path: Path
-) -> None:
+def test_a_camera_that_looks_aside_is_turned_towards_what_is_to_be_seen(master, tmp_path):
     node = Ros1HouseNode(master.address, furnished_house(), START, rate=5)
     node._camera = SimulatedCamera(furnished_house(), SideCamera())
     driven = robot(master.address, tmp_path)
@@ -212,9 +195,7 @@ def received(driven: RosRobot, command: Command, kind: type[M]) -> M:
     raise AssertionError(f"no {kind.__name__}")
 
 
-def test_malformed_status_is_said_once_and_skipped(
-    master: FakeMaster, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_malformed_status_is_said_once_and_skipped(master, caplog):
     client = MoveBase(master.address)
     try:
         client.send(GoalPose(1.0, 2.0, 0.5, "map", 0))

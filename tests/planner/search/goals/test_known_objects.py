@@ -1,7 +1,5 @@
 """Known objects as goals, their whereabouts, and changes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -71,9 +69,7 @@ def line(chart: SemanticMap, target: str, now: float = 10.0) -> str:
         ),
     ],
 )
-def test_a_known_thing_is_said_with_its_doubts(
-    chart: SemanticMap, word: str, now: float, change: dict[str, object], said: str
-) -> None:
+def test_a_known_thing_is_said_with_its_doubts(chart, word, now, change, said):
     (cup,) = chart.objects()
     chart.apply(MapUpdate(objects=(replace(cup, **change),)))  # type: ignore[arg-type]
     assert line(chart, word, now) == said
@@ -104,13 +100,7 @@ def test_json_has_the_alternatives(chart: SemanticMap) -> None:
 BASE = "https://example.org/map/"
 
 
-def put(
-    semantic_map: SemanticMap,
-    number: int,
-    label: str,
-    *relations: Relation,
-    place: str | None = None,
-) -> str:
+def put(semantic_map, number, label, *relations, place=None):
     record = ObjectRecord(
         iri=f"{BASE}object/{number}",
         category=semantic_map.catalogue.find(label).iri,

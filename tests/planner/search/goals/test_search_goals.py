@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import numpy as np
@@ -16,9 +14,7 @@ from planner.settings import BeliefSettings
 SEEN = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC).timestamp()
 
 
-def add_object(
-    semantic_map: SemanticMap, label: str, x: float, y: float, existence: float = 0.8
-) -> ObjectRecord:
+def add_object(semantic_map, label, x, y, existence=0.8):
     record = ObjectRecord(
         iri=semantic_map.new_object_iri(),
         category=semantic_map.catalogue.find(label, "object").iri,
@@ -54,9 +50,7 @@ def by_iri(goals: tuple[Goal, ...]) -> dict[str, Goal]:
     return {goal.iri: goal for goal in goals}
 
 
-def test_a_known_object_is_a_goal_with_its_existence_and_its_history(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_known_object_is_a_goal_with_its_existence_and_its_history(semantic_map):
     cup = add_object(semantic_map, "cup", 1.5, -2.25)
     add_object(semantic_map, "car", 9, 9)
     (goal,) = derive_goals(semantic_map, "cup")
@@ -67,9 +61,7 @@ def test_a_known_object_is_a_goal_with_its_existence_and_its_history(
     assert "\n" not in goal.why
 
 
-def test_an_object_known_to_be_near_it_is_a_goal_in_the_direction_of_the_relation(
-    semantic_map: SemanticMap,
-) -> None:
+def test_an_object_known_to_be_near_it_is_a_goal_in_the_direction_of_the_relation(semantic_map):
     banana = add_object(semantic_map, "banana", 1, 1)
     (goal,) = derive_goals(semantic_map, "apple")
     (relation,) = [
@@ -84,9 +76,7 @@ def test_an_object_known_to_be_near_it_is_a_goal_in_the_direction_of_the_relatio
     assert by_iri(derive_goals(semantic_map, "banana")).keys() == {banana.iri}
 
 
-def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(
-    semantic_map: SemanticMap,
-) -> None:
+def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(semantic_map):
     kitchen = add_place(semantic_map, 1, kitchen=0.81, bedroom=0.1)
     add_place(semantic_map, 2, bedroom=0.9, kitchen=0.1)
     add_place(semantic_map, 3)
@@ -119,9 +109,7 @@ def test_the_authors_finder_takes_every_category_believed_enough(semantic_map: S
     assert places(minBelief=0.25) == []
 
 
-def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(
-    semantic_map: SemanticMap,
-) -> None:
+def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(semantic_map):
     banana = add_object(semantic_map, "banana", 1, 1)
     pizza = add_object(semantic_map, "pizza", 2, 2, existence=0.6)
     kitchen = add_place(semantic_map, 1, kitchen=0.9)

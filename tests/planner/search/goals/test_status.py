@@ -1,11 +1,8 @@
 """Status: present, gone, looked and none seen, hidden, never looked; and what proves it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -91,9 +88,7 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
         status(semantic_map, "bamama")
 
 
-def test_a_large_thing_does_not_stand_where_little_is_out_of_view(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_large_thing_does_not_stand_where_little_is_out_of_view(semantic_map):
     hall = replace(semantic_map.places()[1], viewed=PlaceViews(0.8, 0.8, SEEN + 60))
     semantic_map.apply(MapUpdate(places=(hall,)))  # 3.2 of its 16 m2 are out of view
     found = {one: status(semantic_map, one, "hall") for one in ("spoon", "couch", "elephant")}
@@ -124,9 +119,7 @@ def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: Sem
         status(semantic_map, "object/77")
 
 
-def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(semantic_map):
     kitchen, *_, attic = semantic_map.places()
     certain = thing(semantic_map, kitchen, existence=0.5)
     just_seen = replace(thing(semantic_map, kitchen, existence=0.4), last_seen=SEEN + 60)
@@ -151,9 +144,7 @@ def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
         (0.9, 12, 5, "gone"),
     ],
 )
-def test_a_place_has_lost_only_what_was_really_there(
-    semantic_map: SemanticMap, peak: float, seen: int, after: int, value: str
-) -> None:
+def test_a_place_has_lost_only_what_was_really_there(semantic_map, peak, seen, after, value):
     bottle, iri = semantic_map.catalogue.find("bottle").iri, semantic_map.new_object_iri()
     spot, last = np.array([1.0, 1.0, 0.8]), SEEN + 60 - after
     left = DepartedRecord(iri, bottle, spot, peak, seen, SEEN - 9, last, SEEN + 60)
@@ -208,9 +199,7 @@ def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
     assert values(semantic_map, "mug")["hall"] == "hidden"
 
 
-def test_the_command_prints_answer_and_proof(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_answer_and_proof(tmp_path, capsys):
     path = tmp_path / "status.map"
     with create_map(path) as made:
         furnished(made)

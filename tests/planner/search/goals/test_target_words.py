@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -48,9 +46,7 @@ def test_a_word_of_several_categories_searches_for_all_of_them(semantic_map: Sem
         resolve_target(semantic_map.catalogue, "cutlery")
 
 
-def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(semantic_map):
     add_corridor(semantic_map)
     answer = undetectable_target(semantic_map, "my keys")
     assert answer is not None
@@ -75,9 +71,7 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
         ("milk", "No detector here can see things called 'milk'."),
     ],
 )
-def test_the_answer_has_counts_and_says_where_nothing_is_known(
-    semantic_map: SemanticMap, text: str, said: str
-) -> None:
+def test_the_answer_has_counts_and_says_where_nothing_is_known(semantic_map, text, said):
     answer = undetectable_target(semantic_map, text)
     assert answer is not None
     assert said in answer.answer

@@ -1,7 +1,5 @@
 """`hereabouts.find`: what the map knows, where to look, and inputs that are none."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -63,9 +61,7 @@ def test_a_map_without_floor_says_why_there_is_no_plan() -> None:
         (("cup",), {"now": math.inf}, "seconds since 1970"),
     ],
 )
-def test_inputs_that_are_none_are_refused(
-    flat: SemanticMap, wanted: tuple[str, ...], options: dict[str, Any], says: str
-) -> None:
+def test_inputs_that_are_none_are_refused(flat, wanted, options, says):
     with pytest.raises(QueryParameterError, match=says):
         hereabouts.find(flat, *wanted, **options)
 

@@ -1,7 +1,5 @@
 """What the map knows comes first: exact positions, views that showed a thing, and finds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a hunt makes of looks in vain: Bayes' rule, fresh positions, and when it gives up."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -44,9 +42,7 @@ def one_thing(weight: np.ndarray) -> TargetBelief:
     return apart(views().cells, weight[None, :], np.zeros(1, np.intp))
 
 
-def state(
-    belief: BeliefSettings, weight: np.ndarray | None = None, among: CandidateViews | None = None
-) -> PlanningState:
+def state(belief, weight=None, among=None):
     among = among or views()
     space, cells = among.space, among.cells
     names = ("",) * (int(space.room.max()) + 1)
@@ -70,9 +66,7 @@ def searched_in_vain(one: PlanningState) -> list[int]:
 
 @quick
 @given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.data())
-def test_belief_keeps_its_mass_through_looks_in_vain(
-    seed: int, present: float, data: st.DataObject
-) -> None:
+def test_belief_keeps_its_mass_through_looks_in_vain(seed, present, data):
     weight = np.random.default_rng(seed).random(len(views().cells)) ** 4
     known, unseen = one_thing(weight / weight.sum() * present), np.ones(len(weight))
     for view in data.draw(st.lists(st.integers(0, len(views().viewpoint) - 1), max_size=6)):

@@ -1,7 +1,5 @@
 """The rule of the thesis: travel, the nearest goal first, and the expected time."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """What `find` promises: candidates of the graph, belief on cells, plans of looks, bounds."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

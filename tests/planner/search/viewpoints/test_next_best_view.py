@@ -1,7 +1,5 @@
 """Candidate views, and the next best one."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -89,9 +89,7 @@ def has_ended(client: socket.socket) -> bool:
 
 
 @pytest.mark.parametrize("begun", [SILENT, HALF, IDLE, BODY])
-def test_an_address_has_a_number_of_connections_and_others_are_answered(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets], begun: bytes
-) -> None:
+def test_an_address_has_a_number_of_connections_and_others_are_answered(serve, sockets, begun):
     open_ = sockets(serve(limits=LONG)).open
     kept = open_(address=OTHER)
     assert status(kept) == b"200"
@@ -112,9 +110,7 @@ def test_an_address_has_a_number_of_connections_and_others_are_answered(
     assert status(open_()) == b"200"
 
 
-def test_who_is_closed_for_others_is_told_so(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_who_is_closed_for_others_is_told_so(serve, sockets):
     open_ = sockets(serve(limits=Limits(connections=20, idle_seconds=PATIENCE))).open
     crowd = [open_(b"GET /hea", f"127.0.0.{n + 1}") for n in range(21)]
     told = whole_answer(crowd[0])
@@ -122,17 +118,13 @@ def test_who_is_closed_for_others_is_told_so(
     assert b"Retry-After: 1\r\n" in told and b"Connection: close\r\n" in told
 
 
-def test_a_trusted_proxy_has_connections_for_all_its_clients(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_a_trusted_proxy_has_connections_for_all_its_clients(serve, sockets):
     open_ = sockets(serve(limits=LONG, trusted_proxies=(GREEDY,))).open
     crowd = [open_(BODY) for _ in range(2 * MOST)]
     assert {status(client, b"SK {}   ") for client in crowd} == {b"200"}
 
 
-def test_bodies_have_a_budget_for_each_client_and_small_ones_pass(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_bodies_have_a_budget_for_each_client_and_small_ones_pass(serve, sockets):
     limits = Limits(client_bodies=300_000, bodies=500_000, body_seconds=PATIENCE)
     served = serve(limits=limits)
     open_ = sockets(served).open
@@ -149,9 +141,7 @@ def test_bodies_have_a_budget_for_each_client_and_small_ones_pass(
         assert status(client, begun + query) == b"200"  # and their room is free again
 
 
-def test_a_client_that_reads_nothing_loses_its_answer_when_they_fill_the_memory(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_a_client_that_reads_nothing_loses_its_answer_when_they_fill_the_memory(serve, sockets):
     limits = Limits(client_unread=0, idle_seconds=PATIENCE)
     head = b"GET /graphs/ontology HTTP/1.1\r\nHost: localhost\r\n\r\n"
     client = sockets(serve(limits=limits)).open(head * 100)
@@ -160,9 +150,7 @@ def test_a_client_that_reads_nothing_loses_its_answer_when_they_fill_the_memory(
     assert hung_up.poll(PATIENCE * 1000)
 
 
-def test_a_body_that_nobody_asked_for_has_to_arrive_in_time(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_a_body_that_nobody_asked_for_has_to_arrive_in_time(serve, sockets):
     served = serve(limits=Limits(idle_seconds=0.5))
     client = sockets(served).open(HEAD + b"Content-Length: 1000\r\n\r\n")
     with pytest.raises((BrokenPipeError, ConnectionResetError)):
@@ -187,9 +175,7 @@ def test_a_body_that_nobody_asked_for_has_to_arrive_in_time(
         POST + b"Transfer-Encoding: chunked\r\n\r\n6" + b"0" * 30 + b"\r\nASK {}\r\n0\r\n\r\n",
     ],
 )
-def test_a_body_of_doubtful_length_ends_the_connection(
-    lasting: Served, sockets: Callable[[Served], Sockets], head: bytes
-) -> None:
+def test_a_body_of_doubtful_length_ends_the_connection(lasting, sockets, head):
     hidden = HEAD + b"\r\n"
     told = whole_answer(sockets(lasting).open(head + hidden))
     assert told.startswith(b"HTTP/1.1 400 ")
@@ -197,9 +183,7 @@ def test_a_body_of_doubtful_length_ends_the_connection(
     assert b"connection: close" in told.lower()
 
 
-def test_chunks_and_pipelined_requests_are_read(
-    lasting: Served, sockets: Callable[[Served], Sockets]
-) -> None:
+def test_chunks_and_pipelined_requests_are_read(lasting, sockets):
     chunks = b"Transfer-Encoding: chunked\r\n\r\n1;a=b\r\nA\r\n5\r\nSK {}\r\n0\r\nx: y\r\n\r\n"
     last = HEAD + b"Connection: close\r\n\r\n"
     told = whole_answer(sockets(lasting).open((POST + chunks) * 20 + last))
@@ -207,9 +191,7 @@ def test_chunks_and_pipelined_requests_are_read(
 
 
 @pytest.mark.parametrize("head", [b"a:\r\n" * 101, b"a: " + b"b" * 17_000 + b"\r\n"])
-def test_a_head_of_many_or_long_lines_is_refused(
-    lasting: Served, sockets: Callable[[Served], Sockets], head: bytes
-) -> None:
+def test_a_head_of_many_or_long_lines_is_refused(lasting, sockets, head):
     told = whole_answer(sockets(lasting).open(HEAD + head + b"\r\n"))
     assert told == b"" or told.startswith(b"HTTP/1.1 431 ")
 
@@ -229,9 +211,7 @@ def test_bodies_are_read_as_they_are(lasting: Served, encoding: str, status_code
     assert answer.headers.get("Accept-Encoding") == (None if answer.ok else "identity")
 
 
-def test_a_body_of_tiny_chunks_is_taken_in_smaller_turns(
-    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
-) -> None:
+def test_a_body_of_tiny_chunks_is_taken_in_smaller_turns(serve, sockets):
     served = serve()
     chunked = POST + BEARER + b"Transfer-Encoding: chunked\r\n\r\n"
     for chunks in (b"1\r\n \r\n" * 3000, b"a\r\n          \r\n" * 300):

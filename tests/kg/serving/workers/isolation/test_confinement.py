@@ -1,7 +1,5 @@
 """Confinement of the workers, and their network."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket
@@ -73,9 +71,7 @@ def test_the_same_acts_succeed_where_nothing_confines_them(tmp_path: Path) -> No
     assert set(json.loads(ran.stdout).values()) == {"done"}
 
 
-def test_a_confined_worker_writes_the_copies_of_updates_and_reads_the_history(
-    live: SemanticMap,
-) -> None:
+def test_a_confined_worker_writes_the_copies_of_updates_and_reads_the_history(live):
     update = (
         "INSERT DATA { GRAPH <urn:g> { <urn:t> <urn:p> 2 } } ; "
         "INSERT { GRAPH <urn:g> { ?s <urn:q> 3 } } WHERE { GRAPH <urn:g> { ?s <urn:p> 2 } }"
@@ -228,9 +224,7 @@ def folder(tmp_path: Path) -> Path:
 GLUED = "PREFIX a·b: <{0}> SELECT * {{ ?s ?p 1SERVICE a·b:x {{ ?a ?b ?c }} }}"
 
 
-def test_the_command_line_reaches_nothing(
-    folder: Path, listener: Listener, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_reaches_nothing(folder, listener, tmp_path, capsys):
     file = tmp_path / "own.rq"
     file.write_text(GLUED.format(listener.address))
     update = f"INSERT {{ ?a ?b ?c }} WHERE {{ ?s ?p 1SERVICE <{listener.address}> {{ ?a ?b ?c }} }}"
