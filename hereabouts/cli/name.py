@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def note_unnamed(semantic_map: SemanticMap, address: str, place: str | None = None) -> None:
     """A line about the things without a name in a map, or in a place (an IRI), if there are any."""
-    from planner.questions.named_things import counted_unnamed
+    from planner.search.goals.place_names import counted_unnamed
 
     if unnamed := counted_unnamed(semantic_map, place):
         note(f"and {unnamed}; hereabouts name {address} --review FILE.html shows them")

@@ -207,12 +207,14 @@ class TransactionalStore(CommitListeners):
         """
         self.check_writable()
         self.recover()
-        insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
+        added, removed = tuple(insert), tuple(delete)
         with self._committing:
-            added, removed = tuple(insert), tuple(delete)
             if exact_at is None or exact_at != self.sequence:
-                added = tuple(quad for quad in insert if quad not in self.engine)
-                removed = tuple(q for q in delete if q not in insert and q in self.engine)
+                wanted = dict.fromkeys(added)
+                added = tuple(quad for quad in wanted if quad not in self.engine)
+                removed = tuple(
+                    q for q in dict.fromkeys(removed) if q not in wanted and q in self.engine
+                )
             if not added and not removed:
                 return None
             check_facts(len(added) + len(removed))

@@ -16,7 +16,7 @@ from planner.freespace.planning_map import Row, number
 from planner.questions.patterns import ROBOT, PlainAnswer, Question
 from planner.questions.recognition import is_known_word, target_named
 from planner.search.goals.known_objects import KnownObject, known_objects
-from planner.search.goals.place_names import spoken_places
+from planner.search.goals.place_names import listed, spoken_places
 from planner.search.goals.search_goals import with_article
 from planner.search.goals.targets import Target
 
@@ -174,34 +174,12 @@ def counted_kinds(rows: Iterable[Row], catalogue: Catalogue) -> str:
         with_article(kind, catalogue) if n == 1 else f"{n} {plural(kind)}"
         for kind, n in counts[:NAMED]
     ]
-    return _listed(named, sum(n for _, n in counts[NAMED:]))
+    return listed(named, sum(n for _, n in counts[NAMED:]))
 
 
 def counted(rows: Sequence[Row]) -> str:
     """``1 object``, ``3 objects``."""
     return f"{len(rows)} object{'' if len(rows) == 1 else 's'}"
-
-
-def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
-    """``3 things without a name``: those of a place (an IRI) or of the map; "" where none is.
-
-    Those of a map are also counted by place, if they are in several.
-    """
-    found = semantic_map.query("unnamed-things").records()
-    called = spoken_places(semantic_map)
-    where = [
-        (called.get(str(row["place"]), "no place"), int(str(row["count"])))
-        for row in found
-        if place in (None, row["place"])
-    ]
-    total = sum(n for _, n in where)
-    if not total:
-        return ""
-    text = f"{total} thing{'s' if total > 1 else ''} without a name"
-    if len(where) == 1:
-        return text
-    named = [f"{n} in {label}" for label, n in where[:NAMED]]
-    return f"{text} ({_listed(named, sum(n for _, n in where[NAMED:]))})"
 
 
 def sized(label: str, extent: NDArray[np.float64] | None, above_floor: float) -> str:
@@ -213,7 +191,3 @@ def sized(label: str, extent: NDArray[np.float64] | None, above_floor: float) ->
         f"The top of {label} is {above_floor + high / 2:.2f} m above the floor; the part that was "
         f"seen is {wide:.2f} m wide, {deep:.2f} m deep and {high:.2f} m high"
     )
-
-
-def _listed(named: list[str], rest: int) -> str:
-    return ", ".join(named) + (f" and {rest} more" if rest else "")

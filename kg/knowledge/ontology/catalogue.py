@@ -105,9 +105,9 @@ class Catalogue:
 
     @classmethod
     def from_store(cls, store: QuadStore) -> Catalogue:
-        """The categories of the ontology in a map's store."""
-        graph = v.ONTOLOGY_GRAPH
-        return cls.from_quads(store.quads_for_pattern(None, None, None, graph))
+        """The categories of the ontology in a map's store, of which only their facts are read."""
+        graph, read = v.ONTOLOGY_GRAPH, store.quads_for_pattern
+        return cls.from_quads(q for p in _READ for q in read(None, NamedNode(p), None, graph))
 
     def find(self, label: str, kind: str | None = None) -> Category:
         """The category with that label, synonym, simple plural, class name or IRI.
@@ -184,6 +184,13 @@ class Catalogue:
 
     def _of(self, kind: str | None) -> list[Category]:
         return [c for c in self.categories if kind in (None, c.kind)]
+
+
+#: predicates of the facts that say what categories there are
+_READ: Final = (
+    *(v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.SKOS_ALT_LABEL, v.SKOS_HIDDEN_LABEL),
+    *(v.PROVISIONAL_MARK, v.DCT_SOURCE),
+)
 
 
 class StoredCatalogue:

@@ -298,7 +298,7 @@ class FrameWriter:
         return {p: a for p, a in assertions.items() if p not in SINGLE or a.value not in without}
 
     def _owns(self, quad: Quad) -> bool:
-        return is_owned(quad, self._facts.catalogue)
+        return is_owned(quad, self._facts)
 
     def all_quads_of(self, iri: str) -> Iterator[Quad]:
         """All quads of an object: its facts, observation, assertions and links to it."""

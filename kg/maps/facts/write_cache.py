@@ -12,7 +12,7 @@ from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.spatial_relations import OF_NODE, OF_OBJECT
 from kg.model import vocabulary as v
 from kg.model.transactions import ChangeSet
@@ -39,12 +39,12 @@ _OWN = {
 MAX_SUBJECTS: Final = 4096  # subjects kept: some 20 MB
 
 
-def is_owned(quad: Quad, catalogue: Catalogue) -> bool:
+def is_owned(quad: Quad, codec: RecordCodec) -> bool:
     """Whether the writer owns a fact of an object or a place, or the type of any thing."""
     if quad.predicate != v.RDF_TYPE:
         return quad.predicate.value in _OWN
     kind = getattr(quad.object, "value", "")
-    return kind in _STRUCTURAL or catalogue.by_iri(kind) is not None
+    return kind in _STRUCTURAL or codec.catalogue.by_iri(kind) is not None
 
 
 class WriteCache:

@@ -70,20 +70,21 @@ def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
     lines.readline()  # the variables
     if not solutions.variables:
         return tuple(() for _ in lines)
-    known: dict[str, Value] = {"": None, **_BOOLEANS}
-    rows: list[Row] = []
+    value, rows = _Values({"": None, **_BOOLEANS}).__getitem__, list[Row]()
     for line in lines:
-        row = []
-        for cell in line[:-1].decode().split("\t"):
-            try:
-                row.append(known[cell])
-            except KeyError:
-                row.append(known.setdefault(cell, _value_in(cell)))
-        rows.append(tuple(row))
+        rows.append(tuple(map(value, line[:-1].decode().split("\t"))))
         if not len(rows) % PIECE:
             yield_to_writer()
             time.sleep(REST)
     return tuple(rows)
+
+
+class _Values(dict[str, Value]):
+    """Values by cell; most cells occur in several rows."""
+
+    def __missing__(self, cell: str) -> Value:
+        value = self[cell] = _value_in(cell)
+        return value
 
 
 def value_of(term: object) -> Value:

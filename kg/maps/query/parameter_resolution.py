@@ -268,7 +268,7 @@ def _some(labels: Sequence[str]) -> str:
 
 
 MAX_LANGUAGES: Final = 8  # of one preference; each makes the filter longer
-_HEADER: Final = re.compile(r"(ontology|map) (\w+) of (\w+)")
+_HEADER: Final = re.compile(r"(ontology|map) (\w+) of (every )?(\w+)")
 _RANGE: Final = re.compile(
     r"\s*(\*|[A-Za-z]{1,8}(?:-[A-Za-z0-9]{1,8})*)\s*(?:;\s*q\s*=\s*(\d(?:\.\d*)?)\s*)?"
 )
@@ -280,17 +280,33 @@ class LabelColumn:
 
     graph: str  # "ontology" or "map"
     label: str
+    every: bool  # whether the query reads the labels of all things, not those of a few rows
     thing: str
 
     def filter(self, languages: Sequence[str]) -> str:
         """A filter for the group of the variables, which keeps the best label; on one line."""
+        better, other = self._better(languages), self._labelled("_other")
+        return f" FILTER(IF(BOUND(?{self.label}), NOT EXISTS {{ {other} {better} }}, true))"
+
+    def minus(self, languages: Sequence[str]) -> str:
+        """The same at the end of the group, for `every`: a join of all labels, not one a row."""
+        both = "".join(
+            f"{{ SELECT ?{self.thing} ?{self.label}{one} {{ {self._labelled(one)} }} }} "
+            for one in ("", "_other")
+        )
+        return f" MINUS {{ {both}{self._better(languages)} }}"
+
+    def _labelled(self, suffix: str = "") -> str:
+        return f"GRAPH graph:{self.graph} {{ ?{self.thing} rdfs:label ?{self.label}{suffix} }}"
+
+    def _better(self, languages: Sequence[str]) -> str:
+        """A filter that the other label is the better one."""
         own, other = f"?{self.label}", f"?{self.label}_other"
         mine, its = _rank(own, languages), _rank(other, languages)
         return (
-            f" FILTER(IF(BOUND({own}), NOT EXISTS {{ GRAPH graph:{self.graph} "
-            f"{{ ?{self.thing} rdfs:label {other} }} FILTER({other} != {own} && ({its} < {mine} || "
+            f"FILTER({other} != {own} && ({its} < {mine} || "
             f"{its} = {mine} && (STR({other}) < STR({own}) || "
-            f"STR({other}) = STR({own}) && LANG({other}) < LANG({own})))) }}, true))"
+            f"STR({other}) = STR({own}) && LANG({other}) < LANG({own}))))"
         )
 
 
@@ -304,7 +320,8 @@ def label_columns(name: str, header: str) -> tuple[LabelColumn, ...]:
                 f"{name}: labels must be 'ontology LABEL of THING' or 'map LABEL of THING', "
                 f"got {part!r}"
             )
-        columns.append(LabelColumn(*match.groups()))
+        graph, label, every, thing = match.groups()
+        columns.append(LabelColumn(graph, label, every is not None, thing))
     return tuple(columns)
 
 

@@ -147,8 +147,9 @@ class ParameterizedQuery:
         )
         text = substitute(self.sparql, terms)
         languages = preferred_languages(language)
-        filters = "".join(column.filter(languages) for column in self.labels)
-        return insert_into_pattern(text, rows + self._cell_values(terms) + filters)
+        filters = "".join(column.filter(languages) for column in self.labels if not column.every)
+        minus = "".join(column.minus(languages) for column in self.labels if column.every)
+        return insert_into_pattern(text, rows + self._cell_values(terms) + filters, minus)
 
     def check(self, answer: Table) -> Table:
         """`answer` itself; raises QueryError where its columns are not those of the header."""

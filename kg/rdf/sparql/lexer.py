@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, lru_cache
+from itertools import accumulate
 from typing import Final, NamedTuple
 
 from pyoxigraph import Literal, NamedNode
@@ -140,10 +141,13 @@ def substitute(sparql: str, terms: Mapping[str, Term]) -> str:
     return replace_tokens(sparql, term_of)
 
 
-def insert_into_pattern(sparql: str, clause: str) -> str:
-    """The text with `clause` at the start of its outermost pattern, without new lines."""
-    start = next((token.end for token in tokens_of(sparql) if token.text == "{"), 0)
-    return sparql[:start] + clause + sparql[start:]
+def insert_into_pattern(sparql: str, first: str, last: str = "") -> str:
+    """The text with clauses at the start and the end of its outermost pattern; no new lines."""
+    braces = [token for token in tokens_of(sparql) if token.text in ("{", "}")]
+    depths = accumulate(1 if token.text == "{" else -1 for token in braces)
+    start = next((token.end for token in braces), 0)
+    end = next((b.start for b, depth in zip(braces, depths, strict=True) if not depth), start)
+    return sparql[:start] + first + sparql[start:end] + last + sparql[end:]
 
 
 def has_word(sparql: str, word: str) -> bool:

@@ -16,7 +16,7 @@ from kg.model.errors import QueryParameterError
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
 
-_LISTED = 8  # places in a message
+_LISTED = 8  # places in a message or sentence
 _UNNAMED = (
     *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
     *("unnamed object", "unnamed objects"),
@@ -66,8 +66,34 @@ def _is_noun(catalogue: Catalogue, word: str) -> bool:
 def listed_places(semantic_map: SemanticMap) -> str:
     """``place 1 (kitchen), place 2 and 3 more``: the places of a map."""
     named = [place_names.titled(p, semantic_map.catalogue.label) for p in semantic_map.places()]
-    rest = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
-    return ", ".join(named[:_LISTED]) + rest
+    return listed(named[:_LISTED], len(named[_LISTED:]))
+
+
+def listed(named: list[str], rest: int) -> str:
+    """``a, b and 3 more``."""
+    return ", ".join(named) + (f" and {rest} more" if rest else "")
+
+
+def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
+    """``3 things without a name``: those of a place (an IRI) or of the map; "" where none is.
+
+    Those of a map are also counted by place, if they are in several.
+    """
+    found = semantic_map.query("unnamed-things").records()
+    called = spoken_places(semantic_map)
+    where = [
+        (called.get(str(row["place"]), "no place"), int(str(row["count"])))
+        for row in found
+        if place in (None, row["place"])
+    ]
+    total = sum(n for _, n in where)
+    if not total:
+        return ""
+    text = f"{total} thing{'s' if total > 1 else ''} without a name"
+    if len(where) == 1:
+        return text
+    named = [f"{n} in {label}" for label, n in where[:_LISTED]]
+    return f"{text} ({listed(named, sum(n for _, n in where[_LISTED:]))})"
 
 
 def place_category(catalogue: Catalogue, text: str) -> Category | None:

@@ -13,7 +13,8 @@ from kg.model.records import FREE, FloorTile, MapUpdate, PlaceViews, Relation
 from kg.model.room_edit import RoomEdit
 from kg.serving.opening import in_memory_map
 from planner.questions.answers import answer_box, answer_question
-from planner.questions.named_things import counted_unnamed, sized
+from planner.questions.named_things import sized
+from planner.search.goals.place_names import counted_unnamed
 from tests.planner.flat import fill, thing, with_unnamed
 
 

@@ -80,6 +80,19 @@ def test_each_query_gives_one_label_in_another_language(flat: StoredMap) -> None
     assert german["objects"] != plain["objects"]
 
 
+def test_an_object_outside_of_places_or_without_a_label_has_one_row() -> None:
+    with in_memory_map(base="https://example.org/flat/") as made:
+        fill(made)
+        placed = made.query("objects", least=0).rows
+        for number, predicate in ((0, v.IN_PLACE), (1, v.RDFS_LABEL)):
+            thing = NamedNode(str(placed[number][0]))
+            (fact,) = made.engine.quads_for_pattern(thing, NamedNode(predicate), None, v.MAP_GRAPH)
+            made.store.native.remove(fact)
+        bare = [list(row) for row in placed]
+        bare[0][-1] = bare[1][1] = None
+        assert [list(row) for row in made.query("objects", least=0).rows] == bare
+
+
 def test_languages_are_ordered_by_preference() -> None:
     assert preferred_languages("fr;q=0.2, de-AT, en;q=0") == ("de-at", "de", "fr")
     with pytest.raises(QueryParameterError, match="a language is written"):
