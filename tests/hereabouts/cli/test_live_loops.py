@@ -17,8 +17,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.house import furnished_house
 from planner.simulation.sensors import SimulatedDetector
 from tests.perception.sources.live import drifting_robot
 from tests.perception.sources.live.drifting_robot import BEGIN, FRAMES, HALF, LABELS, PERIOD
@@ -52,7 +50,7 @@ Things = list[tuple[str, np.ndarray]]  # category, and position (3,) [m]
 @pytest.fixture(scope="module")
 def truth() -> Things:
     """What the same images make of the first half's drive where their poses are true."""
-    camera = SimulatedCamera(furnished_house())
+    camera = drifting_robot.small_camera()
     detector, mount = SimulatedDetector(camera), camera.model.pose(0.0, 0.0, 0.0)
     with in_memory_map() as semantic_map:
         with Mapper(semantic_map, MappingOptions(surface=None)) as mapper:

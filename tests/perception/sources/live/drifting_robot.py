@@ -19,7 +19,7 @@ from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.ros.message_maker import MessageMaker
-from planner.simulation.camera import SimulatedCamera
+from planner.simulation.camera import CameraModel, SimulatedCamera
 from planner.simulation.house import furnished_house
 from planner.simulation.sensors import SimulatedDetector
 
@@ -42,6 +42,11 @@ TYPES = {
     "/slam/graph": "rtabmap_msgs/msg/MapGraph",
 }
 LABELS = sorted({item.label for item in furnished_house().objects})
+
+
+def small_camera() -> SimulatedCamera:
+    """A camera of few pixels in the demo's house."""
+    return SimulatedCamera(furnished_house(), CameraModel(width=160, height=120, focal=144.0))
 
 
 def flat(x: float, y: float, heading: float) -> np.ndarray:
@@ -84,7 +89,7 @@ class Robot:
             else Ros2Publisher(Ros2Domain.at(address), TYPES, latched)
         )
         self.make = MessageMaker(self.is_ros1)
-        self.camera = SimulatedCamera(furnished_house())
+        self.camera = small_camera()
         self.detector = SimulatedDetector(self.camera)
         self.true = drive()
         self.odometry = drifted(self.true)
