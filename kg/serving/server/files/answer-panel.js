@@ -26,13 +26,16 @@ export class AnswerPanel {
     this.wanted = ""; // of the shown answer
     this._answer = null;
     this._isWay = false; // whether the way of the plan is drawn
+    this._isLost = false; // whether the server did not answer
     data.addEventListener("changed", () => this._draw());
+    data.addEventListener("on", () => { if (this._isLost) this.find(this.wanted, { quiet: true }); });
     byId("find").addEventListener("submit", (event) => { event.preventDefault(); this.find(byId("wanted").value.trim()); });
   }
 
   /** Ask, or end that (""); `quiet`: without a move to what is found. */
   async find(wanted, { quiet = false } = {}) {
     this.wanted = byId("wanted").value = wanted;
+    this._isLost = false;
     this._asked.abort(); // a new request cancels the one before
     const { signal } = this._asked = new AbortController();
     this._show(null); // an old answer is none to this question
@@ -43,7 +46,9 @@ export class AnswerPanel {
       this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });
       if (!quiet) this._found(this._answer.known[0]?.iri ?? null);
     } catch (error) {
-      if (!signal.aborted) this._say(error.message);
+      if (signal.aborted) return;
+      this._isLost = !error.status;
+      this._say(error.message);
     }
   }
 

@@ -90,12 +90,8 @@ export function floorSheets(tiles, { viewed, dark }) {
 
 /** [xmin, xmax, ymin, ymax] of points [m]. */
 function boundsOf(points) {
-  const bounds = [Infinity, -Infinity, Infinity, -Infinity];
-  for (let n = 0; n < points.length; n++) {
-    const k = n % 3;
-    if (k < 2) { bounds[2 * k] = Math.min(bounds[2 * k], points[n]); bounds[2 * k + 1] = Math.max(bounds[2 * k + 1], points[n]); }
-  }
-  return bounds;
+  const most = (outer, k) => { let found = points[k]; for (let n = k; n < points.length; n += 3) found = outer(found, points[n]); return found; };
+  return [0, 1].flatMap((k) => [most(Math.min, k), most(Math.max, k)]);
 }
 
 /** Where each voxel of an outer wall faces outwards: 0 to 254 for the angles of a full turn, 255 for all other voxels.
