@@ -1,5 +1,5 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { button, byId, chance, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
 import { clock } from "/files/time-axis.js";
@@ -121,7 +121,7 @@ export class AnswerPanel {
 
   /** A thing with its place, unless that is the only one that the sentences tell. */
   _entry(iri, room) {
-    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${percent(one.existence)} sure` : this._data.whereabouts(one)}` : "");
+    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${chance(one.existence)} sure` : this._data.whereabouts(one)}` : "");
     told.className = "dim";
     return element("li", "", this._link(iri, ""), told);
   }

@@ -1,5 +1,5 @@
 // The data of the page: the state of the map at one moment, updated by the feed of changes if that is now.
-import { percent } from "/files/page-elements.js";
+import { chance } from "/files/page-elements.js";
 import { followChanges, read } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
@@ -179,7 +179,7 @@ export class MapData extends EventTarget {
   /** Where an object is and how sure that is: "in the kitchen, 80 % sure". */
   whereabouts(one) {
     const place = this.places.get(one.place);
-    return `${place ? `${this.inPlace(place)}, ` : ""}${percent(one.existence)} sure`;
+    return `${place ? `${this.inPlace(place)}, ` : ""}${chance(one.existence)} sure`;
   }
 
   /** The name of a thing in two parts: without the number that the map gave it, and the number, perhaps "". */

@@ -226,6 +226,17 @@ def test_a_token_that_is_refused_later_is_asked_for_again(own: Served, open_page
     says(page, "#about h2", "the blue mug")
 
 
+def test_a_thing_is_never_told_to_be_there_for_certain(own: Served, open_page: OpenPage) -> None:
+    own.write(
+        "DELETE { ?cup here:existence ?e } INSERT { ?cup here:existence 1e0 } "
+        f"WHERE {{ ?cup here:existence ?e FILTER(STRENDS(STR(?cup), '{CUP}')) }}"
+    )
+    page = open_page(f"#{CUP}", own)
+    says(page, "#about", "over 99 % sure")
+    page.click("text=All objects")
+    says(page, "#objects", "over 99 % sure")
+
+
 @pytest.mark.parametrize("address", ["", f"#{CUP}", CUP, "place/1", "console"])
 def test_a_page_fits_on_a_screen_of_320_pixels(open_page: OpenPage, address: str) -> None:
     page = open_page(address)
