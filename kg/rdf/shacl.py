@@ -16,7 +16,7 @@ from pyshacl import validate as pyshacl_validate
 from rdflib.term import Node
 
 from kg.model import vocabulary as v
-from kg.model.errors import OntologyError
+from kg.model.errors import OntologyError, ShapeError
 from kg.rdf.findings import Finding
 
 #: beginnings of IRIs that pyshacl accepts as focus nodes; it reads others as prefixed names
@@ -64,7 +64,8 @@ class Shapes:
         """Validate quads of all graphs against the shapes; nothing is inferred or fetched.
 
         `focus` has the IRIs of the subjects to validate. Where one of them looks like a prefixed
-        name, all subjects are validated. Raises OntologyError for invalid shapes.
+        name, all subjects are validated. Raises OntologyError for invalid shapes and ShapeError for
+        values without an order.
         """
         data, term = rdflib.Graph(), cache(as_rdflib)  # most terms are in several quads
         for q in quads:
@@ -72,14 +73,20 @@ class Shapes:
         names = None if focus is None else list(focus)
         if names is not None and not all(name.lower().startswith(_PLAIN) for name in names):
             names = None
-        _, results, text = pyshacl_validate(
-            data,
-            shacl_graph=self._graph,
-            inference="none",
-            do_owl_imports=False,
-            inplace=True,
-            focus_nodes=names,
-        )
+        try:
+            _, results, text = pyshacl_validate(
+                data,
+                shacl_graph=self._graph,
+                inference="none",
+                do_owl_imports=False,
+                inplace=True,
+                focus_nodes=names,
+            )
+        except TypeError:  # two values of which neither is the greater
+            raise ShapeError(
+                "a time or number cannot be compared with the others of its subject: "
+                "times of the years 1 to 9999 work"
+            ) from None
         if not isinstance(results, rdflib.Graph):
             raise OntologyError(f"{self._file}: {text}")
         is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))

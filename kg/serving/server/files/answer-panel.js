@@ -1,5 +1,5 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { button, byId, chance, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
 import { clock } from "/files/time-axis.js";
@@ -26,13 +26,16 @@ export class AnswerPanel {
     this.wanted = ""; // of the shown answer
     this._answer = null;
     this._isWay = false; // whether the way of the plan is drawn
+    this._isLost = false; // whether the server did not answer
     data.addEventListener("changed", () => this._draw());
+    data.addEventListener("on", () => { if (this._isLost) this.find(this.wanted, { quiet: true }); });
     byId("find").addEventListener("submit", (event) => { event.preventDefault(); this.find(byId("wanted").value.trim()); });
   }
 
   /** Ask, or end that (""); `quiet`: without a move to what is found. */
   async find(wanted, { quiet = false } = {}) {
     this.wanted = byId("wanted").value = wanted;
+    this._isLost = false;
     this._asked.abort(); // a new request cancels the one before
     const { signal } = this._asked = new AbortController();
     this._show(null); // an old answer is none to this question
@@ -43,7 +46,9 @@ export class AnswerPanel {
       this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });
       if (!quiet) this._found(this._answer.known[0]?.iri ?? null);
     } catch (error) {
-      if (!signal.aborted) this._say(error.message);
+      if (signal.aborted) return;
+      this._isLost = !error.status;
+      this._say(error.message);
     }
   }
 
@@ -116,7 +121,7 @@ export class AnswerPanel {
 
   /** A thing with its place, unless that is the only one that the sentences tell. */
   _entry(iri, room) {
-    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${percent(one.existence)} sure` : this._data.whereabouts(one)}` : "");
+    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${chance(one.existence)} sure` : this._data.whereabouts(one)}` : "");
     told.className = "dim";
     return element("li", "", this._link(iri, ""), told);
   }

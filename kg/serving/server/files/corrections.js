@@ -12,6 +12,7 @@ const EDITS = [
   { kind: "door", text: "mark a door to", count: 1, other: "click the place behind the door", points: "click where the door is" },
   { kind: "draw", text: "draw a place", count: Infinity, points: "click its corners, then press Enter" },
 ];
+const INVALID = 401; // the status of a token that the server does not know
 const MOVE = { kind: "move", count: 1, points: "click where it is" }; // of an object
 
 export class Corrections {
@@ -177,9 +178,7 @@ export class Corrections {
       if (last) return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
       const others = [...new Set(assertions.map((one) => one.by))].join(", ");
       return status(others ? `nothing of yours is left to undo: what is asserted is by ${others}` : "nothing was asserted about it");
-    } catch (error) {
-      return status(error.message);
-    }
+    } catch (error) { return this._refuse(error); }
   }
 
   /** Write something to the map; `about` is the thing that may be undone by this page, or null for rooms. */
@@ -190,8 +189,17 @@ export class Corrections {
       status([done, ...notes].join("; "));
       setTimeout(this._done, 700);
     } catch (error) {
-      status(error.message);
+      this._refuse(error);
     }
+  }
+
+  /** Tell why nothing was written; a token that is no longer valid is asked for again. */
+  _refuse(error) {
+    status(error.message);
+    if (error.status !== INVALID) return;
+    useToken("");
+    this.offer();
+    byId("token").focus();
   }
 }
 

@@ -1,6 +1,6 @@
 // The scene of the map: surface, floor, walls, places, and the objects as boxes and dots. Metres, z up.
 import { drawing } from "/files/page-elements.js";
-import { floorSheets, SurfaceReader, surfaceSheet } from "/files/surface.js";
+import { facingOf, floorSheets, SurfaceReader, surfaceSheet } from "/files/surface.js";
 import * as THREE from "/files/vendor/three.min.js";
 
 const TALL = 3; // cells of walls
@@ -17,10 +17,13 @@ const LOW = 0.25; // [m] above the floor of what never fades
 const AHEAD = 0.3; // [m] before the selected thing, from which on what hides it fades
 const NEAR = 0.5; // of the way to where the camera looks: what is nearer fades
 const WINDOW = 0.16; // radius of the window to the selected thing, as the tangent of an angle
-/** The part of a shader that leaves out what hides the selected thing, and what is close before the camera. */
-const FADE = `float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
+const TOWARDS = 0.25; // cosine of the angle between the outside of a wall and the camera, from which on the wall fades
+/** The part of a shader that leaves out what hides the selected thing, what is close before the camera, and outer walls between it and the room. */
+const FADE = `float turn = color.a * ${510 / 254 * Math.PI};
+  bool outer = color.a < 0.998 && dot(vec2(cos(turn), sin(turn)), normalize(cameraPosition - position).xy) > ${TOWARDS};
+  float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
   bool hides = spot.z < 0.0 && ahead < -spot.z - reach && distance(mvPosition.xy / ahead, spot.xy / -spot.z) < ${WINDOW} * (0.8 + 0.4 * dither);
-  bool faded = position.z > low && (hides || ahead < near * (0.8 + 0.2 * dither));`;
+  bool faded = position.z > low && (hides || outer || ahead < near * (0.8 + 0.2 * dither));`;
 const CUBE = new THREE.BoxGeometry(1, 1, 1), SQUARE = new THREE.PlaneGeometry(1, 1);
 const [CUBE_EDGES, SQUARE_EDGES] = [CUBE, SQUARE].map((shape) => new THREE.EdgesGeometry(shape).getAttribute("position"));
 const FACES = { flat: 0.1, seen: 0.15, solid: 0.35 }; // opacity of the faces of boxes: from above, where a surface is seen, without
@@ -83,11 +86,12 @@ export class MapScene {
     low.value = data.ground() + LOW;
   }
 
-  /** Whether the shader leaves out a point of the scene. */
-  _isFaded(point) {
+  /** Whether the shader leaves out a point {point, index} of the surface. */
+  _isFaded({ point, index }) {
+    const facing = this._points.geometry.getAttribute("color").getW(index), turn = facing * 510 / 254 * Math.PI, away = this._view.camera.camera.position.clone().sub(point).normalize();
     const { spot, reach, near, low } = this._fade, { x, y, z } = point.clone().applyMatrix4(this._view.camera.camera.matrixWorldInverse), { value: there } = spot;
     const hides = there.z < 0 && z > there.z + reach.value && Math.hypot(x / z - there.x / there.z, y / z - there.y / there.z) < WINDOW;
-    return point.z > low.value && (hides || -z < near.value);
+    return point.z > low.value && (hides || -z < near.value || (facing < 0.998 && Math.cos(turn) * away.x + Math.sin(turn) * away.y > TOWARDS));
   }
 
   /** Forget what graphics memory held. */
@@ -106,7 +110,7 @@ export class MapScene {
     ray.params.Points.threshold = 0.03;
     const ground = this._view.data.ground(), [left, low] = this._view.camera.origin;
     const [hit] = ray.intersectObjects(this._sized?.visible ? this.boxes : [], false);
-    const [seen] = this._points ? ray.intersectObject(this._points).filter(({ point }) => point.z < ground + this._view.cut && !this._isFaded(point)) : [];
+    const [seen] = this._points ? ray.intersectObject(this._points).filter((one) => one.point.z < ground + this._view.cut && !this._isFaded(one)) : [];
     const floor = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), -ground), new THREE.Vector3());
     const spot = seen?.point ?? hit?.point ?? floor;
     return spot && { thing: hit?.object.things[Math.floor(hit.faceIndex / hit.object.faces)], point: [spot.x + left, spot.y + low, spot.z] };
@@ -131,18 +135,18 @@ export class MapScene {
     if (camera.isFlat) {
       const sheet = surfaceSheet(surface, colours, data.ground() + cut);
       group.add(this._picture(sheet, data.ground() + LIFTED));
-    } else group.add(this._points = this._voxels(surface, colours));
+    } else group.add(this._points = this._voxels(surface, colours, surface.facing ??= facingOf(surface, data.ground())));
   }
 
-  /** Voxels as squares that face the camera, in such an order that any first part of them shows all the room. */
-  _voxels({ points, size }, colours) {
+  /** Voxels as squares that face the camera, in such an order that any first part of them shows all the room; the fourth part of a colour is where it faces. */
+  _voxels({ points, size }, colours, facing) {
     const count = points.length / 3, places = new Float32Array(points.length), tones = new Uint32Array(count), [left, low] = this._view.camera.origin;
     const given = new Uint32Array(colours.buffer), stride = STRIDE % count || 1;
     for (let n = 0, from = 0; n < count; n++, from = (from + stride) % count) {
       places[3 * n] = points[3 * from] - left;
       places[3 * n + 1] = points[3 * from + 1] - low;
       places[3 * n + 2] = points[3 * from + 2];
-      tones[n] = given[from];
+      tones[n] = (given[from] & 0xffffff) | (facing[from] << 24);
     }
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));

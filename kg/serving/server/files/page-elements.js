@@ -9,6 +9,9 @@ export const all = (selector) => [...document.querySelectorAll(selector)];
 
 export const percent = (share) => (share > 0 && share < 0.0005 ? "under 0.1 %" : share >= 0.995 && share < 1 ? "over 99 %" : `${Number((100 * share).toFixed(share < 0.095 ? 1 : 0))} %`); // as kg.model.shares says it
 
+/** A chance in per cent that is never certain, as kg.model.shares says it. */
+export const chance = (probability) => percent(Math.min(probability, 0.999));
+
 /** An element with text and children.
  * @type {(name: string, text?: string, ...children: (Node | string)[]) => any} */
 export function element(name, text = "", ...children) {
@@ -57,7 +60,7 @@ export function named(data, one) {
 }
 
 /** How sure something is, in words with a bar. */
-export const sureness = (share, words = "sure") => element("span", `${percent(share)} ${words} `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
+export const sureness = (share, words = "sure") => element("span", `${chance(share)} ${words} `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
 
 /** A context that draws on an empty canvas of its own, of so many pixels. */
 export const drawing = (width, height) => Object.assign(element("canvas"), { width, height }).getContext("2d");

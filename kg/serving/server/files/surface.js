@@ -6,6 +6,8 @@ const PATIENCE = 10000; // [ms] from one reading of the surface of the present t
 const SHEET = 16; // tiles along the side of a picture
 const MAX_SIDE = 4096; // [px] of the picture of a surface
 const OBSTACLE = 3;
+const CELL = 0.1, AROUND = 4; // [m] of a column of voxels; columns around one in which the outside is searched
+const WALL = 1.2, OUTER = 0.3; // [m] of a wall, at least; how far to one side what was seen around it is, as a share
 // free, low obstacles, walls
 const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
 /** Colours of the time of the last view: blue, grey and orange differ for all kinds of colour vision. */
@@ -86,15 +88,37 @@ export function floorSheets(tiles, { viewed, dark }) {
   return [...sheets.values()];
 }
 
+/** [xmin, xmax, ymin, ymax] of points [m]. */
+function boundsOf(points) {
+  const most = (outer, k) => { let found = points[k]; for (let n = k; n < points.length; n += 3) found = outer(found, points[n]); return found; };
+  return [0, 1].flatMap((k) => [most(Math.min, k), most(Math.max, k)]);
+}
+
+/** Where each voxel of an outer wall faces outwards: 0 to 254 for the angles of a full turn, 255 for all other voxels.
+ *
+ * A column is of an outer wall if it is tall, and nothing was seen on one of its sides. */
+export function facingOf({ points }, ground) {
+  const [xmin, xmax, ymin, ymax] = boundsOf(points), [columns, rows] = [xmax - xmin, ymax - ymin].map((side) => Math.ceil(side / CELL) + 2 * AROUND + 1);
+  const cellOf = (n) => (AROUND + Math.floor((points[n + 1] - ymin) / CELL)) * columns + AROUND + Math.floor((points[n] - xmin) / CELL);
+  const high = new Float32Array(columns * rows).fill(-Infinity), facing = new Uint8Array(columns * rows).fill(255), found = new Uint8Array(points.length / 3);
+  for (let n = 0; n < points.length; n += 3) high[cellOf(n)] = Math.max(high[cellOf(n)], points[n + 2]);
+  for (let at = 0; at < high.length; at++) {
+    if (high[at] === -Infinity) continue;
+    let [u, v, count, top] = [0, 0, 0, -Infinity];
+    for (let j = -AROUND; j <= AROUND; j++) for (let i = -AROUND; i <= AROUND; i++) {
+      const there = high[at + j * columns + i];
+      if (there > -Infinity) { u -= i; v -= j; count++; }
+      if (i * i + j * j <= 4) top = Math.max(top, there);
+    }
+    const far = Math.hypot(u, v), beyond = at + Math.round(3 * v / far) * columns + Math.round(3 * u / far);
+    if (top > ground + WALL && far > OUTER * AROUND * count && high[beyond] === -Infinity) facing[at] = Math.round((Math.atan2(v, u) / Math.PI + 2) * 127) % 254;
+  }
+  return found.map((_, n) => facing[cellOf(3 * n)]);
+}
+
 /** The surface from above as one picture: {canvas, x, y, wide, high} [m]; a pixel is the highest voxel below `top` [m]. */
 export function surfaceSheet({ size, points }, colours, top) {
-  let [xmin, xmax, ymin, ymax] = [Infinity, -Infinity, Infinity, -Infinity];
-  for (let n = 0; n < points.length; n += 3) {
-    xmin = Math.min(xmin, points[n]);
-    xmax = Math.max(xmax, points[n]);
-    ymin = Math.min(ymin, points[n + 1]);
-    ymax = Math.max(ymax, points[n + 1]);
-  }
+  const [xmin, xmax, ymin, ymax] = boundsOf(points);
   const pixel = size * Math.ceil(Math.max(xmax - xmin, ymax - ymin) / size / MAX_SIDE || 1);
   const [columns, rows] = [xmax - xmin, ymax - ymin].map((side) => Math.round(side / pixel) + 1);
   const image = new ImageData(columns, rows), highest = new Float32Array(columns * rows).fill(-Infinity);

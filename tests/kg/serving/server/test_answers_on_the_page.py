@@ -176,6 +176,20 @@ def test_a_map_that_does_not_come_is_asked_for_again_in_words(open_page: OpenPag
     says(page, "#count", "2 of 2 objects")
 
 
+def test_a_question_without_an_answer_is_asked_again_with_the_next_connection(
+    open_page: OpenPage,
+) -> None:
+    page = open_page(
+        "#?find=where+is+the+cup%3F",
+        script="""
+        const get = window.fetch, lost = new Set(["/find", "/changes"]);
+        window.fetch = (address, ...more) => lost.delete(String(address).split("?")[0])
+            ? Promise.reject(new TypeError("no connection")) : get(address, ...more);""",
+    )
+    says(page, "#plan", "the server does not answer")
+    says(page, "#plan h2", "kitchen")
+
+
 def test_a_busy_server_is_asked_again(open_page: OpenPage) -> None:
     page = open_page(
         script="""

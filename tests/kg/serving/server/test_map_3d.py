@@ -43,13 +43,20 @@ from tests.kg.serving.server.conftest import BASE, TOKEN, answering, furnished, 
 
 if TYPE_CHECKING:
     from conftest import Served
+    from numpy.typing import NDArray
 
     from kg.maps.semantic_map import SemanticMap
     from kg.model.records import ObjectRecord
 
 
 THING = "object/7"
+VIOLET = (200, 20, 220)
 SEEN = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
+
+
+def has_grey(image: Any) -> bool:
+    """Whether more than ten thousand pixels of a picture have the grey of the made floor."""
+    return int((np.abs(image.astype(int) - 120).max(axis=-1) < 12).sum()) > 10_000
 
 
 def lay_floor(semantic_map: SemanticMap) -> None:
@@ -176,18 +183,52 @@ def test_graphics_that_are_lost_come_back(open_page: OpenPage) -> None:
     same_picture(page, whole)
 
 
-def add_plate(served: Served, height: float) -> None:
-    """A violet surface from (0.5, 0.5) to (1.75, 1.75) m at a height [m]."""
+def add_surface(served: Served, *parts: tuple[NDArray[np.int64], tuple[int, int, int]]) -> None:
+    """Voxels of 2.5 cm, each part (3, n) of them in a colour."""
     store = served.map.surface_store
     assert store is not None
     store.begin(0.025)
-    x, y = (axis.ravel() for axis in np.mgrid[20:70, 20:70])
-    seen = np.sort(keys_of(np.stack([x, y, np.full_like(x, round(height / 0.025))])))
-    violet = np.full((len(seen), 3), (200, 20, 220), np.uint8)
+    keys = np.concatenate([keys_of(voxels) for voxels, _ in parts])
+    colours = np.concatenate([np.full((voxels.shape[1], 3), rgb) for voxels, rgb in parts])
+    order = np.argsort(keys)
     for number in range(3):
-        frame = FrameVoxels(seen, violet, np.empty(0, np.int64), 1000.0 + number)
+        frame = FrameVoxels(
+            keys[order], colours[order].astype(np.uint8), np.empty(0, np.int64), 1000.0 + number
+        )
         store.write(frame, "flat", 1)
         store.accept(frame, "flat", 1)
+
+
+def box_of(x: tuple[int, int], y: tuple[int, int], z: tuple[int, int]) -> NDArray[np.int64]:
+    """(3, n) voxels between corners."""
+    return np.mgrid[slice(*x), slice(*y), slice(*z)].reshape(3, -1)
+
+
+def add_plate(served: Served, height: float) -> None:
+    """A violet surface from (0.5, 0.5) to (1.75, 1.75) m at a height [m]."""
+    level = round(height / 0.025)
+    add_surface(served, (box_of((20, 70), (20, 70), (level, level + 1)), VIOLET))
+
+
+@pytest.mark.parametrize(
+    ("turned", "fades"), [("0.00", True), ("3.14", False)], ids=["its back", "its front"]
+)
+def test_an_outer_wall_fades_where_it_hides_the_room(
+    own: Served, open_page: OpenPage, turned: str, fades: bool
+) -> None:
+    lay_floor(own.map)
+    floor, wall = box_of((0, 120), (0, 120), (-52, -51)), box_of((0, 120), (0, 3), (-40, 20))
+    add_surface(own, (floor, (120, 120, 120)), (wall, VIOLET))  # above the low part that stays
+    page = open_page(f"#?solid=1&view=1.50,1.50,90.00,{turned},1.00,-0.90", own)
+    picture_where(page, lambda now: has_violet(now) != fades and has_grey(now))
+
+
+def test_a_wall_between_two_rooms_stays(own: Served, open_page: OpenPage) -> None:
+    lay_floor(own.map)
+    floor, wall = box_of((0, 120), (0, 120), (-52, -51)), box_of((0, 120), (60, 63), (-52, 20))
+    add_surface(own, (floor, (120, 120, 120)), (wall, VIOLET))
+    page = open_page("#?solid=1&view=1.50,1.50,90.00,0.00,1.00,-0.90", own)
+    picture_where(page, has_violet)
 
 
 def test_the_surface_is_drawn_up_to_the_cut_and_measured(own: Served, open_page: OpenPage) -> None:

@@ -203,6 +203,41 @@ def test_a_correction_lands_in_the_graph_and_on_other_pages(own, open_page):
     assert moved.property == "position"
 
 
+def test_a_token_that_is_refused_later_is_asked_for_again(own: Served, open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}", own)
+    unlock(page, TOKEN)
+    page.wait_for_selector("[aria-label=name]")
+    page.evaluate(
+        "async () => (await import('/files/server.js')).useToken('one-of-yesterday-0123')"
+    )
+    page.click("text=rename")
+    says(page, "#status", "may not write")
+    page.fill("#token", TOKEN)
+    page.click("#corrector button")
+    page.fill("[aria-label=name]", "the blue mug")
+    page.click("text=rename")
+    says(page, "#about h2", "the blue mug")
+
+
+def test_a_thing_is_never_told_to_be_there_for_certain(own: Served, open_page: OpenPage) -> None:
+    own.write(
+        "DELETE { ?cup here:existence ?e } INSERT { ?cup here:existence 1e0 } "
+        f"WHERE {{ ?cup here:existence ?e FILTER(STRENDS(STR(?cup), '{CUP}')) }}"
+    )
+    page = open_page(f"#{CUP}", own)
+    says(page, "#about", "over 99 % sure")
+    page.click("text=All objects")
+    says(page, "#objects", "over 99 % sure")
+
+
+@pytest.mark.parametrize("address", ["", f"#{CUP}", CUP, "place/1", "console"])
+def test_a_page_fits_on_a_screen_of_320_pixels(open_page: OpenPage, address: str) -> None:
+    page = open_page(address)
+    page.set_viewport_size({"width": 320, "height": 640})
+    says(page, "body", "")
+    assert page.evaluate("document.documentElement.scrollWidth") == 320
+
+
 def test_names_of_things_are_never_markup(own: Served, open_page: OpenPage) -> None:
     own.map.assertions.add(f"{own.map.base}{CUP}", "label", HOSTILE, by="mallory")
     page = open_page(f"#{CUP}", own)

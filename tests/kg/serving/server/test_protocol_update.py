@@ -103,6 +103,18 @@ def refused(served: Served, status: int, answer: object) -> None:
     assert served.rows(NOTES) == []
 
 
+def test_a_time_that_cannot_be_compared_is_refused_in_words(served: Served) -> None:
+    before = served.map.sequence
+    answer = served.write(
+        f"DELETE {{ {CUP} here:lastSeen ?t }} "
+        f'INSERT {{ {CUP} here:lastSeen "-0044-03-15T00:00:00Z"^^xsd:dateTime }} '
+        f"WHERE {{ {CUP} here:lastSeen ?t }}"
+    )
+    assert answer.status_code == 422
+    assert "times of the years 1 to 9999 work" in answer.text
+    assert served.map.sequence == before
+
+
 def test_query_and_update_in_one_form_are_refused(lasting: Served) -> None:
     both = {"update": NOTE, "query": "ASK {}"}
     refused(lasting, 400, lasting.post("sparql", data=both, headers=lasting.bearer()))
