@@ -174,6 +174,19 @@ def _filled(path: Path, statement: str) -> None:
     file.close()
 
 
+def test_the_state_of_a_run_is_read_as_it_was_at_a_transaction(tmp_path: Path) -> None:
+    first, second = RunState(7, 1.5, {"a": [[1.0, 2.0]]}), RunState(8, 2.5)
+    store = TrackStore(tmp_path)
+    store.load(0, ObjectSettings())
+    for mark, run in ((1, first), (2, second)):
+        store.save([], run, mark)
+    store.close()
+    for sequence, wanted in ((2, second), (1, first)):  # the second never came
+        store = TrackStore(tmp_path)
+        assert store.load(sequence, ObjectSettings()) == ([], wanted)
+        store.close()
+
+
 def test_a_link_in_its_place_is_not_followed(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.write_text("mine")
