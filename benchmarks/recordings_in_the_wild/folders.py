@@ -103,7 +103,7 @@ def images(
     def layout(shots: Sequence[Shot], scratch: Path) -> Path:
         folder = scratch / "room"
         for i, shot in enumerate(shots):
-            seconds, rest = divmod(shot.stamp + i * 1_234_567, 10**9)
+            seconds, rest = divmod(shot.stamp + i * 123_457, 10**9)
             names = {"n": i * GRID, "stamp": stamp_of(shot), "ros": f"{seconds}_{rest}"}
             write(folder / colour.format(**names), of_colour(shot))
             write(folder / depth.format(**names), of_depth(shot))

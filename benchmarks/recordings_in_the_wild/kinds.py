@@ -31,6 +31,7 @@ from benchmarks.recordings_in_the_wild.robot import (
     Messages,
     Shot,
 )
+from benchmarks.recordings_in_the_wild.third_parties import THIRD_PARTIES
 from perception.camera.poses import Pose
 
 
@@ -314,4 +315,4 @@ LIVE: Final = tuple(
 def kinds() -> list[Kind]:
     """All kinds."""
     bags = (*CONTAINERS, *IMAGES, *CAMERAS, *BODY, *RARE, *DRIVERS, *CLOCKS_AND_TREES)
-    return [*bags, *MINORITIES, *FOLDERS, *LIVE]
+    return [*bags, *MINORITIES, *FOLDERS, *THIRD_PARTIES, *LIVE]

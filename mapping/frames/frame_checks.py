@@ -23,6 +23,7 @@ from perception.sources.depth_readings import FramePair, better_convention, medi
 
 #: [m] no depth camera of rooms has a larger median depth; depth in millimetres has
 MAX_MEDIAN_DEPTH: Final = 50.0
+OFF_CENTRE: Final = 1.5  # shares of the image from its middle to a principal point, at most
 DARK: Final = 3  # frames without any depth that a stream may not begin with
 APART: Final = (0.15, 1.0)  # [m] between the two frames of a pair: from ... to
 TURNED: Final = (np.radians(6.0), np.radians(35.0))
@@ -129,10 +130,12 @@ def _check_numbers(frame: Frame) -> None:
             "as of time.time(), would work"
         )
     K = frame.K
-    if not np.isfinite(K).all() or min(K[0, 0], K[1, 1]) <= 0:
+    off = np.abs(K[:2, 2] / frame.depth.shape[::-1] - 0.5).max()  # shares of the image
+    if not np.isfinite(K).all() or min(K[0, 0], K[1, 1]) <= 0 or off > OFF_CENTRE:
         raise FrameError(
-            f"frame {frame.id}: K must be finite with focal lengths above 0, got {K.tolist()}; "
-            "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels would work"
+            f"frame {frame.id}: K must be finite with focal lengths above 0 and the principal "
+            f"point near the image, got {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in "
+            "pixels would work"
         )
     if abs(K[2, :2]).max() > 1e-6 or abs(K[2, 2] - 1) > 1e-6:
         form = "K.T" if abs(K[:2, 2]).max() <= 1e-6 and abs(K[2, 2] - 1) <= 1e-6 else "K / K[2, 2]"

@@ -121,7 +121,7 @@ class Intrinsics:
         if not (0 <= cx < width and 0 <= cy < height):
             raise RecordingError(
                 f"{self.source}: the principal point ({cx:g}, {cy:g}) lies outside the "
-                f"{width}x{height} images"
+                f"{width}x{height} images; --intrinsics FILE of the colour camera would work"
             )
         fx, fy = self.fx * sx, self.fy * sy
         for name, focal, pixels in (("fx", fx, width), ("fy", fy, height)):

@@ -29,9 +29,9 @@ from perception.number_tables import check_pointer
 from perception.sources.listing import DAMAGED_SHARE, FrameEntry, RecordingListing, StoredImage
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
-DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff")
+DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff", ".pgm", ".pfm")
 _NPY = b"\x93NUMPY"
-_TIFF = (b"II*\0", b"MM\0*")
+_OTHERS = (_NPY, b"II*\0", b"MM\0*", b"P5", b"Pf")  # NPY, TIFF, PGM, PFM
 _MAX_HEADER = 10_000  # [bytes] of an NPY file
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
 _log = logging.getLogger(__name__)
@@ -40,13 +40,13 @@ _log = logging.getLogger(__name__)
 def check_image_file(path: Path) -> None:
     """Raise RecordingError for a missing, truncated or damaged PNG or JPEG, without decoding it.
 
-    A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker. TIFF
-    and NPY have neither.
+    A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker. Other
+    formats have neither.
     """
     data = _bytes_of(path).tobytes()
     if data.startswith(PNG):
         check_png(data, str(path))
-    elif data.startswith((_NPY, *_TIFF)) and path.suffix.lower() in DEPTH_SUFFIXES:
+    elif data.startswith(_OTHERS) and path.suffix.lower() in DEPTH_SUFFIXES:
         return
     elif not data.startswith(b"\xff\xd8"):
         check_pointer(data, path, "neither PNG nor JPEG")
@@ -257,7 +257,7 @@ def images_by_number(
     if not found:
         others = sorted({p.suffix for p in folder.iterdir() if p.suffix})
         beside = f", but {', '.join(others[:5])} files" if others else ""
-        depth = "; depth is read from 16-bit PNG in millimetres, or NPY or TIFF of floats in metres"
+        depth = "; depth is read from 16-bit PNG, PGM, TIFF, or NPY, PFM, TIFF of floats in metres"
         hint = depth if wanted == DEPTH_SUFFIXES else ""
         raise RecordingError(f"no images ({', '.join(wanted)}) in {folder}{beside}{hint}")
     return dict(sorted(found.items()))

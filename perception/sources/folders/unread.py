@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from perception.sources.folders.image_files import COLOUR_SUFFIXES
 from perception.sources.folders.numbered_images import COLOUR_FOLDERS
 
+_SEEN: Final = 1000  # files of a folder that are looked at
+_IMAGES: Final = ("it has images; those of colour in rgb/ and of depth (16-bit PNG, millimetres) "
+                  "in depth/, numbered alike, and intrinsics.json are read")  # fmt: skip
 #: names of files, in a folder or the recording itself, and advice
 _FILES: Final = (
     (("*.sens",), "a recording of ScanNet; reader.py of its SensReader with --export_color_images "
@@ -15,19 +20,16 @@ _FILES: Final = (
      "color/, depth/ and intrinsic.json, which are read"),
     (("*.svo", "*.svo2"), "a recording of ZED; its ROS wrapper plays it, and a bag that "
      "`ros2 bag record` makes of that is read"),
-    (("*.klg",), "a log of ElasticFusion or Kintinuous; its images as rgb/ and depth/ (16-bit PNG, "
-     "millimetres) and intrinsics.json are read"),
-    (("*.oni",), "a recording of OpenNI; its images as rgb/ and depth/ (16-bit PNG, millimetres) "
-     "and intrinsics.json are read"),
+    (("*.klg", "*.oni"), "a log of ElasticFusion or a recording of OpenNI; its images as rgb/ and "
+     "depth/ (16-bit PNG, millimetres) and intrinsics.json are read"),
     (("*.mcap.zst*", "*.db3.zst*", "*.bag.zst*"), "a compressed bag; `zstd -d FILE` writes one "
      "that is read"),
     (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst", "*.xz", "*.rar"),
      "an archive; unpack it first"),
-    (("lowres_wide.traj",), "a recording of ARKitScenes; its images as rgb/ and depth/, the 4x4 "
-     "camera to world matrix of each image in pose/, and intrinsics.json are read"),
     (("EXR_RGBD",), "an export of Record3D; its .r3d file is read"),
-    (("pose_intrinsic_imu.json",), "a recording of ScanNet++; its images as rgb/ and depth/, the "
-     "4x4 camera to world matrix of each image in pose/, and intrinsics.json are read"),
+    (("lowres_wide.traj", "pose_intrinsic_imu.json"), "of a recording of ARKitScenes or ScanNet++; "
+     "its images as rgb/ and depth/, the 4x4 camera to world matrix of each image in pose/, and "
+     "intrinsics.json are read"),
     (("*.ply", "*.pcd", "*.obj", "*.glb", "*.usdz", "*.las", "*.e57"), "a model of surfaces and "
      "has no images; the colour and depth images that it was made of would work"),
     (("*.mp4", "*.mov", "*.avi", "*.webm"), "a video and has no depth; rgb.mp4 beside depth/ and "
@@ -48,4 +50,6 @@ def hint_of(path: Path) -> str:
     colour = next((name for name in COLOUR_FOLDERS if (path / name).is_dir()), None)
     if colour is not None and not (path / "depth").is_dir():
         return f"it has {colour}/, but no depth/ beside it; images without depth are not mapped"
-    return ""
+    inside = islice((one for pattern in ("*", "*/*") for one in path.glob(pattern)), _SEEN)
+    images = any(one.suffix.lower() in COLOUR_SUFFIXES for one in inside)
+    return _IMAGES if images else ""

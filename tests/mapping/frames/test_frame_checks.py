@@ -132,7 +132,15 @@ def test_intrinsics_without_a_focal_length_are_refused(make_frame, refused, row,
     frame = make_frame(2.0)
     K = frame.K.copy()
     K[row, row] = value
-    refused(replace(frame, K=K), "K must be finite with focal lengths above 0, got")
+    refused(replace(frame, K=K), "K must be finite with focal lengths above 0 and the principal")
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_principal_points_far_outside_the_image_are_refused(make_frame, refused, row):
+    frame = make_frame(2.0)
+    K = frame.K.copy()
+    K[row, 2] += 2 * frame.depth.shape[1 - row]
+    refused(replace(frame, K=K), "principal point near the image")
 
 
 @pytest.mark.parametrize(("turned", "form"), [(lambda K: K.T, r"K\.T"), (lambda K: 2 * K, "K / K")])

@@ -105,6 +105,7 @@ LAYOUTS = {
     "ScanNet": (scannet, "pose-files", 2),
     "depth of NPY": (pose_files(".npy"), "pose-files", None),
     "depth of TIFF": (pose_files(".tiff"), "pose-files", None),
+    "depth of PFM": (pose_files(".pfm"), "pose-files", None),
     "Replica": (replica, "replica", None),
     "BundleFusion": (bundle_fusion(), "7scenes", 0),
     "BundleFusion, two cameras": (bundle_fusion(1.1), "7scenes", 0),
@@ -196,3 +197,12 @@ def test_colour_without_depth_is_said(room):
     shutil.rmtree(room.images(*PLAIN).folder / "depth")
     with pytest.raises(RecordingError, match="has images/, but no depth/"):
         open_recording(room.folder)
+
+
+@pytest.mark.parametrize("names", ["{}_rgb.png {}_depth.png", "RGB/{}.PNG Depth/{}.PNG"])
+def test_images_in_no_known_layout_name_the_one_that_is_read(tmp_path, names):
+    for name in names.format(1, 1).split():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"colour in rgb/ and of depth .* in depth/"):
+        open_recording(tmp_path)
