@@ -90,9 +90,10 @@ def keys_of(cells: NDArray[np.int64]) -> Keys:
 
 def cells_of(keys: Keys) -> NDArray[np.int64]:
     """Voxels (3, n) of keys (n,): the inverse of `keys_of`."""
-    chunk = np.stack([keys >> 48, keys >> 33 & 0x7FFF, keys >> LOCAL_BITS & 0x7FFF])
-    low = np.stack([keys >> 12 & 63, keys >> 6 & 63, keys & 63])
-    return (chunk << 6 | low) - RANGE
+    cells: NDArray[np.int64] = np.empty((3, len(keys)), np.int64)
+    for cell, chunk, low in zip(cells, (48, 33, LOCAL_BITS), (12, 6, 0), strict=True):
+        np.add((keys >> chunk & 0x7FFF) << 6, (keys >> low & 63) - RANGE, out=cell)
+    return cells
 
 
 def surface_of(size: float, keys: Keys, records: Records) -> Surface:
