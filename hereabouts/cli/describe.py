@@ -90,8 +90,8 @@ def _print(semantic_map: SemanticMap, *, as_json: bool) -> None:
         placed = {"frame": frame, "relative_to": parent, "transform": matrix}
         write_json(description | placed | {"encoder": encoder})
         return
-    for name, value in description.items():
-        write(f"{name:13} {value or 'not set'}")
+    for name in sorted(description, key=lambda name: name == "iri"):  # the title first
+        write(f"{name:13} {description[name] or 'not set'}")
     write(f"frame         {frame}")
     write(f"relative to   {parent or 'no other frame'}")
     if encoder is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -47,7 +46,7 @@ def log(arguments: argparse.Namespace) -> int:
         arguments.usage_error(
             f"give the thing, e.g. 'cup 2'; `{whole_map}` tells what changed in the whole map"
         )
-    from kg.history.timestamps import iso
+    from kg.history.timestamps import iso, spoken
     from kg.serving.opening import open_map
     from planner.search.goals.place_names import thing_named
 
@@ -60,9 +59,8 @@ def log(arguments: argparse.Namespace) -> int:
     rows = [
         (
             e.sequence,
-            datetime.fromtimestamp(e.time, UTC),
-            e.cause_words,
-            e.cause.by or "",
+            spoken(e.time),
+            e.cause.by or (e.cause_words if arguments.explain else e.cause.kind),
             e.words if arguments.explain else ", ".join(e.told),
         )
         for e in shown
@@ -77,7 +75,7 @@ def log(arguments: argparse.Namespace) -> int:
         }
         for e in shown
     ]
-    print_answer(("#", "time", "cause", "by", "change"), rows, arguments.json, records)
+    print_answer(("#", "when", "by", "change"), rows, arguments.json, records)
     if arguments.json:
         return 0
     more = "" if arguments.explain else "; --explain lists every changed fact"

@@ -58,9 +58,9 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
         return when
     at = moment(instant(when, time.time()) if isinstance(when, str) else when)
     if at < log.floor_time:
-        began = iso(math.ceil(log.floor_time)).replace(".000", "")
-        given = iso(math.floor(at)).replace(".000", "")
-        raise HistoryError(f"the past before {began} is not kept, and {given} is earlier")
+        began = math.ceil(log.floor_time)
+        since = f"{spoken(began)} ({iso(began).replace('.000', '')})"
+        raise HistoryError(f"the map knows nothing of that time: its past is kept since {since}")
     return log.sequence_at(at)
 
 

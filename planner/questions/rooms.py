@@ -237,13 +237,18 @@ class _Answerer:
         return f"Between {first} and {second}, at ({door.x:.1f}, {door.y:.1f}), {door.width:.1f} m"
 
     def _described(self, place: PlaceRecord) -> str:
-        """``place 6 is believed to be a kitchen (51 %): at (2.1, 7.2), 13 m2, next to place 5``."""
-        x, y = place.area.centre
-        kind = _kind(self._map, place)
-        believed = f" is believed to be {kind}:" if kind else " is"
-        line = f"{place.label}{believed} at ({x:.1f}, {y:.1f}), {place.area.area:.0f} m2"
-        beside = ", ".join(self._name(one) for one in self._others(place) if _has_door(place, one))
-        line = f"{line}, next to {beside}" if beside else line
+        """``the kitchen (place 6, 51 % sure) is next to the hall, at (2.1, 7.2), 13 m2``."""
+        (x, y), name = place.area.centre, self._name(place)
+        kind, top = _kind(self._map, place), likeliest(place.beliefs)
+        if top is None or name.startswith(place.label):
+            head = f"{place.label} is" + f" believed to be {kind}:" * bool(kind)
+        else:
+            head = f"{name} ({place.label}, {percent(place.beliefs[top])} sure) is"
+        others = self._others(place)
+        near = [p for p in others if _has_door(place, p)] or [p for p in others if _touch(place, p)]
+        beside = " and ".join(self._name(one) for one in near[:_LISTED])
+        beside = f"next to {beside}, " if near else ""
+        line = f"{head} {beside}at ({x:.1f}, {y:.1f}), {place.area.area:.0f} m2"
         return line + "".join(
             f"; note by {by}: {text}" for text, by in notes_of(self._map, place.iri)
         )

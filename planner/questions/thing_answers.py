@@ -28,6 +28,7 @@ from planner.settings import SPEED
 
 _SPOT: Final = 0.05  # [m] around a position where its thing is looked up
 NEAR: Final = 2.0  # [m] in a straight line
+_BESIDE: Final = 1.0  # [m] up to which one thing surely is next to another
 _BELOW: Final = 0.2  # [m] by which a thing's centre is below the top of what it is under
 _VIEWED: Final = 0.05  # share of a place, below which nobody looked, as in `status.rq`
 _HEIGHTS: Final = ("taller", "higher")  # words that compare heights alone
@@ -97,9 +98,14 @@ class ThingAnswers(NamedThings):
                 seen.add(iri)
                 where = f" {thing.where.strip()}" if label not in thing.where else ""
                 lines.append(f"{thing.label}{where} is {metres:.1f} m from {label}")
+        beside = sum(metres <= _BESIDE for metres, *_ in found)
+        whether = self._question.whether(beside, len(lines))
+        if lines and whether:
+            lines[0] = whether + lines[0]
         if not lines:
             some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
-            lines = [f"{target.none} is known{some}"]
+            none = f"{target.none} is known{some}"
+            lines = [f"{whether}{none[:1].lower()}{none[1:]}" if whether else none]
             lines += [f"The nearest is {d:.1f} m away: {t.label}" for d, _, _, t in found[:1]]
         return self._made("", lines)
 

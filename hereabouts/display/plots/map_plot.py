@@ -59,7 +59,7 @@ from hereabouts.display.plots.palette import (
 from hereabouts.display.plots.picture_file import checked_ending, picture_style, save_picture
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
-from kg.model.place_names import SURE, plain_place
+from kg.model.place_names import NUMBERED, SURE, plain_place
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 
@@ -267,6 +267,8 @@ class _Picture:
         sure = place.beliefs[best] >= SURE
         kind = ("" if sure else "perhaps ") + plain_place(self._label(best))
         detail = f"{label}, belief {place.beliefs[best]:.2f}"
+        if not NUMBERED.fullmatch(place.label):  # a person, or the recording, named it
+            return NamedPlace(place.area, label, f"{kind}, belief {place.beliefs[best]:.2f}")
         return NamedPlace(place.area, drawable(kind), detail)
 
     def _name(self, record: ObjectRecord) -> str:

@@ -97,5 +97,5 @@ def test_labels_that_answers_have_are_names_of_things(server: MCPServer[Any]) ->
 
 def test_a_room_has_an_answer(server: MCPServer[Any]) -> None:
     told = answer(server, "where_is", what="kitchen")
-    assert told["untrusted_proof"].startswith("Place 1 is believed to be a kitchen (90 %): at (2.0")
+    assert told["untrusted_proof"].startswith("The kitchen (place 1, 90 % sure) is ")
     assert told["things"] == []

@@ -169,7 +169,7 @@ TASKS: list[tuple[str, Any, Any]] = [
     ("a room as answers call it", one("list_things", ids, inside="the kitchen"),
      ["object/1"]),
     ("where a room is, as answers call it",
-     one("where_is", lambda a: "believed to be a kitchen" in a["untrusted_proof"],
+     one("where_is", lambda a: "The kitchen (place 1" in a["untrusted_proof"],
          what="the kitchen"), True),
     ("a note on a room", note_on_a_room, [("wet floor", "agent")]),
     ("the way to the cup", way_to_the_cup, (True, 1, True)),
