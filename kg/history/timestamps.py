@@ -47,8 +47,9 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
     Raises:
         HistoryError: `when` is no moment, precedes the log, or is the number of no transaction.
     """
-    if isinstance(when, str) and when.startswith("#"):
-        number = whole_number(when[1:])
+    if isinstance(when, str):
+        when = instant(when, time.time())
+        number = whole_number(when.removeprefix("#"))
         when = when if number is None else number
     if isinstance(when, int):
         if not log.floor <= when <= log.last:
@@ -56,7 +57,7 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
                 f"no transaction #{when} is kept; there are #{log.floor} to #{log.last}"
             )
         return when
-    at = moment(instant(when, time.time()) if isinstance(when, str) else when)
+    at = moment(when)
     if at < log.floor_time:
         began = math.ceil(log.floor_time)
         since = f"{spoken(began)} ({iso(began).replace('.000', '')})"
@@ -100,12 +101,13 @@ def spoken(seconds: float) -> str:
 def instant(words: str, now: float) -> str:
     """The moment (ISO 8601 or ``#42``) that words name at `now` [s since 1970].
 
-    Days, and times of day such as ``monday at 9:30``, are those of this machine's time zone; a date
-    and time without a zone is in UTC. Raises HistoryError for other words.
+    A number of up to seven digits is that of a transaction: ``42``. Days, and times of day such as
+    ``monday at 9:30``, are those of this machine's time zone; a date and time without a zone is in
+    UTC. Raises HistoryError for other words.
     """
     text = " ".join(words.split())
-    if re.fullmatch(r"#\d+", text):
-        return text
+    if re.fullmatch(r"#\d+|[0-9]{1,7}", text):  # more digits are a date: 20260801
+        return f"#{text.removeprefix('#')}"
     plain = text.casefold().removeprefix("the ")
     if plain == "now":
         return iso(now)

@@ -134,9 +134,11 @@ class ParameterResolver:
         if category is None and len(printed := self._printed(text, list(self.places()))) == 1:
             return printed[0]
         if category is None:
+            labels = (label for iri, label in self._labels() if self._is_thing(iri))
             raise QueryParameterError(
                 f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
                 "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
+                f"{did_you_mean(text, (*labels, *self._titles(list(self.places()))))}"
             )
         if category.kind == "place":
             return self._place(text)
@@ -223,20 +225,22 @@ class ParameterResolver:
                 f"{len(kinds)} places have the category {text!r}; give one of {shown}"
             )
         what = f"{len(named)} places are" if named else "no place is"
-        hint = did_you_mean(text, known.values())
+        hint = did_you_mean(text, (*known.values(), *self._titles(places)))
         raise QueryParameterError(f"{what} called {text!r}; there are: {shown}{hint}")
 
     def _printed(self, text: str, places: Sequence[PlaceRecord]) -> list[str]:
         """IRIs of the places that answers call so, with or without "the"."""
-        plain = without_article(text)
-        given = [(place.iri, place.label, place.beliefs) for place in places]
-        label = self.catalogue.label
-        titles = place_titles(given, label)
+        plain, label = without_article(text), self.catalogue.label
         return [
             place.iri
-            for place, title in zip(places, titles, strict=True)
+            for place, title in zip(places, self._titles(places), strict=True)
             if plain in map(plain_label, (place.label, title, titled(place, label)))
         ]
+
+    def _titles(self, places: Sequence[PlaceRecord]) -> list[str]:
+        """What answers call the places."""
+        given = [(place.iri, place.label, place.beliefs) for place in places]
+        return place_titles(given, self.catalogue.label)
 
     def _labelled(self, label: str) -> str | None:
         """The one place of exactly that label, found without reading all places."""

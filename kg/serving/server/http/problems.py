@@ -130,7 +130,6 @@ def problem_response(problem: Problem, accept: str | None) -> Response:
     )
 
 
-MAX_DIGITS: Final = 18  # of a transaction's number
 MAX_DATE: Final = 60  # letters
 
 
@@ -183,19 +182,14 @@ def _tags(request: Request, header: str) -> list[str]:
 
 
 async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
-    """The last transaction at or before a moment: text as of `instant`, or a number, 42 or #42.
+    """The last transaction at or before a moment, which is text as of `instant`.
 
     Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
     """
-    text = text.strip()
-    if re.fullmatch(rf"#?[0-9]{{1,{MAX_DIGITS}}}", text):
-        when: int | str = int(text.removeprefix("#"))
-    else:
-        when = text
-        try:
-            when = instant(text, time.time())
-        except HistoryError as error:
-            raise Problem(400, str(error)) from error
+    try:
+        when = instant(text, time.time())
+    except HistoryError as error:
+        raise Problem(400, str(error)) from error
     return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))
 
 
