@@ -134,11 +134,11 @@ class ParameterResolver:
         if category is None and len(printed := self._printed(text, list(self.places()))) == 1:
             return printed[0]
         if category is None:
-            labels = (label for iri, label in self._labels() if self._is_thing(iri))
+            known = [label for iri, label in self._labels() if self._is_thing(iri)]
             raise QueryParameterError(
                 f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
                 "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
-                f"{did_you_mean(text, (*labels, *self._titles(list(self.places()))))}"
+                f"{did_you_mean(text, (*known, *self._titles(list(self.places()))))}"
             )
         if category.kind == "place":
             return self._place(text)
