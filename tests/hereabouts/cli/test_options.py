@@ -84,6 +84,7 @@ SEARCH: dict[str, tuple[list[str], str, Any]] = {
     "--detector": (["other.onnx"], "ros1.networks.detector", "other.onnx"),
     "--threshold": (["0.3"], "ros1.networks.threshold", 0.3),
     "--device": (["cuda"], "ros1.networks.device", "cuda"),
+    "--labels-map": (["labels.csv"], "search.labels.names", {"mug": "cup"}),
     "--navigation": (["/drive"], "ros1.navigation", "/drive"),
     "--base-frame": (["trunk"], "ros1.base", "trunk"),
 }
