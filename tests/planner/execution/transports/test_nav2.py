@@ -55,6 +55,11 @@ def semantic_map() -> Iterator[SemanticMap]:
         yield semantic_map
 
 
+def domain(wire: str) -> Ros2Domain:
+    """A domain for each wire: a process keeps its settings of a domain for a while."""
+    return Ros2Domain(DOMAIN + 2 + 2 * (wire == "fast dds"))
+
+
 def node(wire: str, kind: str = "") -> Nav2HouseNode:
     base = NODES[wire]
     if kind == "no way":
@@ -65,7 +70,7 @@ def node(wire: str, kind: str = "") -> Nav2HouseNode:
 
         base = NoWay
     place = furnished_house() if kind else house()  # with nothing to be found, or an orange
-    return base(Ros2Domain(DOMAIN + 2), place, START, rate=0.2 if kind else 5)
+    return base(domain(wire), place, START, rate=0.2 if kind else 5)
 
 
 def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
@@ -76,7 +81,7 @@ def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
         connection = FoxgloveConnection.at(made.url)
         client = Nav2Services(connection)
     else:
-        connection = Ros2Domain(DOMAIN + 2)
+        connection = domain("fast dds" if isinstance(made, FastHouseNode) else "dds")
         client = Nav2Topics(connection)
     detector = load_detector(folder / "oranges.onnx")
     return RosRobot(connection, FrameStream(connection.address), detector, client, patience=20)
