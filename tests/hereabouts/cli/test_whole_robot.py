@@ -78,7 +78,7 @@ def test_a_robot_maps_shows_and_searches(
         return running
 
     with ExitStack() as stack:
-        address = f"ros2://{DOMAIN + 3}"
+        address = f"ros2://{DOMAIN + 3 + 2 * (wire == 'fast dds')}"
         if wire == "ros1":
             core = ("rosmaster", "--core", "-p", str(port))
             assert listens(port, stack.enter_context(started(dict(os.environ), *core)))
