@@ -178,7 +178,9 @@ export class Corrections {
       if (last) return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
       const others = [...new Set(assertions.map((one) => one.by))].join(", ");
       return status(others ? `nothing of yours is left to undo: what is asserted is by ${others}` : "nothing was asserted about it");
-    } catch (error) { return this._refuse(error); }
+    } catch (error) {
+      return this._refuse(error);
+    }
   }
 
   /** Write something to the map; `about` is the thing that may be undone by this page, or null for rooms. */

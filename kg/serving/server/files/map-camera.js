@@ -43,12 +43,18 @@ export class MapCamera {
   }
 
   /** The camera of three.js. */
-  get camera() { return this._controls.object; }
+  get camera() {
+    return this._controls.object;
+  }
 
-  get _controls() { return this.isFlat ? this._flat : this._solid; }
+  get _controls() {
+    return this.isFlat ? this._flat : this._solid;
+  }
 
   /** [m] from the camera to where it looks. */
-  get distance() { return this._controls.object.position.distanceTo(this._controls.target); }
+  get distance() {
+    return this._controls.object.position.distanceTo(this._controls.target);
+  }
 
   /** Where it looks: x, y, z [m] of the target, pixels a metre there, and the direction [rad] to the camera. */
   get state() {
@@ -96,7 +102,9 @@ export class MapCamera {
   }
 
   /** [px] that stay free beside the map. */
-  get _aside() { return Math.min(ASIDE, 0.08 * this.width); }
+  get _aside() {
+    return Math.min(ASIDE, 0.08 * this.width);
+  }
 
   /** @type {(bounds: number[][], point: number[], scale: number) => any}
    * The point [x, y] nearest to one that may be in the middle of a flat map, so that it shows no more outside of two corners than it must. */
@@ -170,7 +178,9 @@ export class MapCamera {
   }
 
   /** Pixels a metre at a distance [m] in three dimensions. */
-  _scaleAt(distance) { return this.height / (2 * Math.tan(FIELD / 2) * distance); }
+  _scaleAt(distance) {
+    return this.height / (2 * Math.tan(FIELD / 2) * distance);
+  }
 
   _apply() {
     this._isSet = true;

@@ -153,13 +153,21 @@ export class MapData extends EventTarget {
   }
 
   /** An object, or a thing without a name. */
-  thingAt(iri) { return this.objects.get(iri) || this.things.get(iri); }
+  thingAt(iri) {
+    return this.objects.get(iri) || this.things.get(iri);
+  }
 
-  has(iri) { return Boolean(this.thingAt(iri)) || this.places.has(iri); }
+  has(iri) {
+    return Boolean(this.thingAt(iri)) || this.places.has(iri);
+  }
 
-  labelOf(iri) { return this.labels.get(iri) || iri.replace(/^.*[/#]/, ""); }
+  labelOf(iri) {
+    return this.labels.get(iri) || iri.replace(/^.*[/#]/, "");
+  }
 
-  nameOf(one) { return one.title || one.label || this.labelOf(one.class || one.iri); }
+  nameOf(one) {
+    return one.title || one.label || this.labelOf(one.class || one.iri);
+  }
 
   /** The name of what has an IRI. */
   nameAt(iri) {
@@ -174,7 +182,9 @@ export class MapData extends EventTarget {
   }
 
   /** A place in a sentence: "in the kitchen". */
-  inPlace(place) { return `in ${this.theNameOf(place)}`; }
+  inPlace(place) {
+    return `in ${this.theNameOf(place)}`;
+  }
 
   /** Where an object is and how sure that is: "in the kitchen, 80 % sure". */
   whereabouts(one) {
@@ -189,10 +199,14 @@ export class MapData extends EventTarget {
   }
 
   /** An IRI as this map's pages write it: without the base for things of the map. */
-  pathOf(iri) { return iri.startsWith(this.base) ? iri.slice(this.base.length) : iri; }
+  pathOf(iri) {
+    return iri.startsWith(this.base) ? iri.slice(this.base.length) : iri;
+  }
 
   /** The IRI of a path, as `pathOf` writes it. */
-  fullOf(path) { return path.includes(":") ? path : this.base + path; }
+  fullOf(path) {
+    return path.includes(":") ? path : this.base + path;
+  }
 
   /** The time of the map: its latest view, in seconds since 1970. */
   lastView() {
@@ -238,7 +252,9 @@ export class MapData extends EventTarget {
     return one;
   }
 
-  _at(iri) { return iri === this.robot?.iri ? this.robot : this.thingAt(iri); }
+  _at(iri) {
+    return iri === this.robot?.iri ? this.robot : this.thingAt(iri);
+  }
 
   /** A class that the page does not know: a new category, with which the state is read again, or none. */
   async _learn(iri) {

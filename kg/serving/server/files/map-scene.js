@@ -17,9 +17,10 @@ const LOW = 0.25; // [m] above the floor of what never fades
 const AHEAD = 0.3; // [m] before the selected thing, from which on what hides it fades
 const NEAR = 0.5; // of the way to where the camera looks: what is nearer fades
 const WINDOW = 0.16; // radius of the window to the selected thing, as the tangent of an angle
+const TURN = 510 / 254 * Math.PI; // [rad] of where a voxel faces, for each unit of the fourth part of its colour
 const TOWARDS = 0.25; // cosine of the angle between the outside of a wall and the camera, from which on the wall fades
 /** The part of a shader that leaves out what hides the selected thing, what is close before the camera, and outer walls between it and the room. */
-const FADE = `float turn = color.a * ${510 / 254 * Math.PI};
+const FADE = `float turn = color.a * ${TURN};
   bool outer = color.a < 0.998 && dot(vec2(cos(turn), sin(turn)), normalize(cameraPosition - position).xy) > ${TOWARDS};
   float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
   bool hides = spot.z < 0.0 && ahead < -spot.z - reach && distance(mvPosition.xy / ahead, spot.xy / -spot.z) < ${WINDOW} * (0.8 + 0.4 * dither);
@@ -88,7 +89,7 @@ export class MapScene {
 
   /** Whether the shader leaves out a point {point, index} of the surface. */
   _isFaded({ point, index }) {
-    const facing = this._points.geometry.getAttribute("color").getW(index), turn = facing * 510 / 254 * Math.PI, away = this._view.camera.camera.position.clone().sub(point).normalize();
+    const facing = this._points.geometry.getAttribute("color").getW(index), turn = facing * TURN, away = this._view.camera.camera.position.clone().sub(point).normalize();
     const { spot, reach, near, low } = this._fade, { x, y, z } = point.clone().applyMatrix4(this._view.camera.camera.matrixWorldInverse), { value: there } = spot;
     const hides = there.z < 0 && z > there.z + reach.value && Math.hypot(x / z - there.x / there.z, y / z - there.y / there.z) < WINDOW;
     return point.z > low.value && (hides || -z < near.value || (facing < 0.998 && Math.cos(turn) * away.x + Math.sin(turn) * away.y > TOWARDS));

@@ -63,18 +63,28 @@ export class MapView {
     this.scene.surface.current(); // read while the state of the map is
   }
 
-  get dark() { return DARK.matches; }
+  get dark() {
+    return DARK.matches;
+  }
 
-  get isFlat() { return this.camera.isFlat; }
+  get isFlat() {
+    return this.camera.isFlat;
+  }
 
   /** [px/m] in the middle. */
-  get scale() { return this.camera.state.scale; }
+  get scale() {
+    return this.camera.state.scale;
+  }
 
   /** [m] above the floor at which walls are cut. */
-  get cut() { return this.height ?? (this.scene.surface.current() ? CUT.surface : CUT.walls); }
+  get cut() {
+    return this.height ?? (this.scene.surface.current() ? CUT.surface : CUT.walls);
+  }
 
   /** The object in focus; null without. */
-  get inFocus() { return (this.isFocused && this.data.objects.get(this.selected)) || null; }
+  get inFocus() {
+    return (this.isFocused && this.data.objects.get(this.selected)) || null;
+  }
 
   /** Request one drawing, with all changes. */
   draw() {
@@ -139,7 +149,9 @@ export class MapView {
   }
 
   /** [u, v, scale]: the pixel of a point [m], and pixels a metre there; null behind the camera. */
-  toScreen(x, y, z = this.data.ground()) { return this.camera.project(x, y, z); }
+  toScreen(x, y, z = this.data.ground()) {
+    return this.camera.project(x, y, z);
+  }
 
   /** Call `onPick` with the thing at a point of the canvas, or near it, or the place there. */
   pick(u, v) {
@@ -196,7 +208,9 @@ export class MapView {
   }
 
   /** How strongly an object is drawn, by its existence; faint beside an object in focus. */
-  strengthOf(one) { return this.inFocus && one.iri !== this.selected ? FADED : Math.max(one.existence, 0.2); }
+  strengthOf(one) {
+    return this.inFocus && one.iri !== this.selected ? FADED : Math.max(one.existence, 0.2);
+  }
 
   /** What is shown, as a PNG. */
   toBlob() {
@@ -208,7 +222,9 @@ export class MapView {
   }
 
   /** Whether the scene is drawn; otherwise the marks alone. */
-  get hasGraphics() { return Boolean(this._renderer) && !this._isLost; }
+  get hasGraphics() {
+    return Boolean(this._renderer) && !this._isLost;
+  }
 
   /** Begin to draw with WebGL, where the browser has it. */
   _begin() {

@@ -35,9 +35,13 @@ export class ThingPanel {
   }
 
   /** Whether the thing has changed since its description; false right after one, and while somebody reads a source. */
-  get isBehind() { return JSON.stringify(this._thing()) !== this._described; }
+  get isBehind() {
+    return JSON.stringify(this._thing()) !== this._described;
+  }
 
-  get mayChange() { return !document.querySelector("#about .source[open]") && performance.now() >= this._since + 1000; }
+  get mayChange() {
+    return !document.querySelector("#about .source[open]") && performance.now() >= this._since + 1000;
+  }
 
   /** What is described: a thing, a place, or the rooms. */
   _thing() {
@@ -115,7 +119,9 @@ export class ThingPanel {
     }));
   }
 
-  _link(one) { return linkButton(() => this._choose(one.iri), named(this._data, one)); }
+  _link(one) {
+    return linkButton(() => this._choose(one.iri), named(this._data, one));
+  }
 
   /** Fill in the details from the server. */
   _ask(iri) {
