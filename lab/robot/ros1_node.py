@@ -239,12 +239,18 @@ class Ros1HouseNode:
 
     def _publish_picture(self) -> None:
         """Publish a picture of the camera."""
+        self._publish_view(0.0, CAMERA, COLOUR, DEPTH, (COLOUR_INFO, DEPTH_INFO))
+
+    def _publish_view(
+        self, turned: float, camera: str, colour: str, depth: str, infos: Sequence[str]
+    ) -> None:
+        """Publish a picture of a camera, which is turned [rad] against the robot, on its topics."""
         pose, make = self.pose, self._maker
         self._pictures += 1
-        T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
+        T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading + turned)
         frame = self._camera.frame(f"ros1-{self._pictures:06d}", T_map_cam, pose.seconds)
-        header = make.header(self._stamp, CAMERA)
-        for topic in (COLOUR_INFO, DEPTH_INFO):
+        header = make.header(self._stamp, camera)
+        for topic in infos:
             self._publisher.publish(topic, make.camera_info(frame.K, frame.depth.shape, header))
-        self._publisher.publish(COLOUR, make.colour(frame, header))
-        self._publisher.publish(DEPTH, make.depth(frame.depth, header))
+        self._publisher.publish(colour, make.colour(frame, header))
+        self._publisher.publish(depth, make.depth(frame.depth, header))

@@ -69,14 +69,8 @@ class _TwoCameras(Ros1HouseNode):
 
     def _publish_picture(self) -> None:
         super()._publish_picture()
-        make, pose = self._maker, self.pose
-        T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading + BEHIND)
-        frame = self._camera.frame(f"rear-{self._pictures:06d}", T_map_cam, pose.seconds)
-        header = make.header(self._stamp, FRAMES["rear"])
-        info = make.camera_info(frame.K, frame.depth.shape, header)
-        images = make.colour(frame, header), info, make.depth(frame.depth, header)
-        for topic, message in zip(IMAGES.values(), images, strict=True):
-            self._publisher.publish(topic, message)
+        colour, info, depth = IMAGES.values()
+        self._publish_view(BEHIND, FRAMES["rear"], colour, depth, [info])
 
 
 def detect(connection: Any, publish: Callable[[str, Any], None], *, is_ros1: bool) -> None:
