@@ -19,7 +19,7 @@ from lab.questions.generator import questions_of
 from lab.questions.graph_maps import mapped, true, truths
 from lab.questions.house_drives import SESSIONS, HouseFacts, drive
 from lab.questions.plain_map import PlainMap
-from lab.questions.question_file import Question, load_questions, read_json, save_questions
+from lab.questions.question_file import HouseQuestion, load_questions, read_json, save_questions
 from perception.sources.recording_writer import write_text
 
 
@@ -57,7 +57,7 @@ def _seeds(text: str) -> list[int]:
 
 
 def _make(arguments: argparse.Namespace) -> int:
-    questions, houses = list[Question](), dict[str, dict[str, object]]()
+    questions, houses = list[HouseQuestion](), dict[str, dict[str, object]]()
     for seed in arguments.houses:
         folder = None if arguments.no_recordings else arguments.output / f"house-{seed}"
         facts = drive(seed, folder)
@@ -136,8 +136,8 @@ def _answer(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _by_house(questions: Iterable[Question]) -> Iterable[tuple[str, list[Question]]]:
-    houses: dict[str, list[Question]] = {}
+def _by_house(questions: Iterable[HouseQuestion]) -> Iterable[tuple[str, list[HouseQuestion]]]:
+    houses: dict[str, list[HouseQuestion]] = {}
     for one in questions:
         houses.setdefault(one.house, []).append(one)
     return houses.items()

@@ -17,7 +17,7 @@ from lab.questions.graph_maps import AskedMap
 from lab.questions.mcp_interface import McpInterface
 from lab.questions.plain_map import PlainMap
 from lab.questions.python_interface import PythonInterface
-from lab.questions.question_file import FAMILIES, Question
+from lab.questions.question_file import FAMILIES, HouseQuestion
 from lab.questions.scoring import score
 from lab.questions.sparql_interfaces import HttpInterface, SparqlInterface
 from planner.search.plans.report import find_answer
@@ -32,7 +32,7 @@ class Answered:
 
     map: str  # which kind of map, or "blind"
     interface: str
-    question: Question
+    question: HouseQuestion
     given: Any
 
     @property
@@ -41,7 +41,7 @@ class Answered:
         return score(self.question, self.given)
 
 
-def ask(name: str, asked: AskedMap, questions: Sequence[Question]) -> list[Answered]:
+def ask(name: str, asked: AskedMap, questions: Sequence[HouseQuestion]) -> list[Answered]:
     """The answers of one map through all interfaces."""
     with _interfaces(asked) as interfaces:
         return [
@@ -52,12 +52,12 @@ def ask(name: str, asked: AskedMap, questions: Sequence[Question]) -> list[Answe
         ]
 
 
-def answered_by(adapter: Any, question: Question) -> Any:
+def answered_by(adapter: Any, question: HouseQuestion) -> Any:
     """The answer of an adapter, an object with a method for each family."""
     return getattr(adapter, _method(question))(**question.parameters)
 
 
-def _method(question: Question) -> str:
+def _method(question: HouseQuestion) -> str:
     return question.family.replace(" ", "_")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from lab.questions.question_file import Question
+from lab.questions.question_file import HouseQuestion
 from lab.questions.scoring import score
 from planner.search.goals.search_goals import resolve_target
 
@@ -19,11 +19,11 @@ class BlindAnswers:
     `nothing` is a map of nothing, for its ontology.
     """
 
-    def __init__(self, questions: Sequence[Question], nothing: SemanticMap) -> None:
+    def __init__(self, questions: Sequence[HouseQuestion], nothing: SemanticMap) -> None:
         self._questions, self._catalogue = questions, nothing.catalogue
         self._table = placement_table(nothing)
 
-    def answer(self, question: Question) -> Any:
+    def answer(self, question: HouseQuestion) -> Any:
         """An answer from the words of the question alone."""
         if question.type == "rooms":
             return self._likely_rooms(question)
@@ -36,7 +36,7 @@ class BlindAnswers:
         same = [one for one in others if wanted and one.parameters.get("category") == wanted]
         return _best_constant(same or others)
 
-    def _likely_rooms(self, question: Question) -> list[str]:
+    def _likely_rooms(self, question: HouseQuestion) -> list[str]:
         """Rooms that other questions name, by the probability that such a room has the thing."""
         named = (one for one in self._questions if one.house == question.house)
         rooms = {v for one in named for k, v in one.parameters.items() if k.endswith("room") and v}
@@ -49,7 +49,7 @@ class BlindAnswers:
         return sorted(rooms, key=lambda room: (-chance(room), room))
 
 
-def _best_constant(questions: Sequence[Question]) -> Any:
+def _best_constant(questions: Sequence[HouseQuestion]) -> Any:
     """The one answer that scores best on all of `questions`."""
     if not questions:
         return None
@@ -62,6 +62,6 @@ def _best_constant(questions: Sequence[Question]) -> Any:
     return max(options, key=worth)
 
 
-def _given(question: Question) -> Any:
+def _given(question: HouseQuestion) -> Any:
     """The answer of a question as somebody would give it."""
     return question.answer[0] if question.type == "frame" else question.answer

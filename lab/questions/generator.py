@@ -15,7 +15,7 @@ from typing import Any, Final
 from lab.houses.small_things import MOVABLE
 from lab.questions.house_drives import Doubtful, HouseFacts
 from lab.questions.plain_map import NEVER, NOT_KNOWN, WHOLE, PlainMap, Thing, on_strip
-from lab.questions.question_file import FAMILIES, Question
+from lab.questions.question_file import FAMILIES, HouseQuestion
 from planner.simulation.house import OBJECTS
 
 BORDER: Final = 0.3  # [m] by which a thing may be off, and count or not
@@ -27,9 +27,9 @@ _PLURALS: Final = {"knife": "knives", "mouse": "mice", "scissors": "pairs of sci
 Drawn = tuple[str, dict[str, Any], dict[str, Any]]  # text, parameters, other fields of the question
 
 
-def questions_of(facts: HouseFacts, each: int) -> list[Question]:
+def questions_of(facts: HouseFacts, each: int) -> list[HouseQuestion]:
     """At most `each` questions of every family."""
-    asker, found = _Asker(facts), list[Question]()
+    asker, found = _Asker(facts), list[HouseQuestion]()
     for family in FAMILIES:
         drawn = list(asker.families[family]())
         chance = random.Random(f"{facts.number}/{family}")
@@ -38,7 +38,9 @@ def questions_of(facts: HouseFacts, each: int) -> list[Question]:
             method = getattr(asker.truth, family.replace(" ", "_"))
             answer = more.pop("answer") if "answer" in more else method(**parameters)
             name = f"{facts.number}-{family.replace(' ', '-')}-{number}"
-            found.append(Question(name, facts.number, family, text, parameters, answer, **more))
+            found.append(
+                HouseQuestion(name, facts.number, family, text, parameters, answer, **more)
+            )
     return found
 
 

@@ -52,7 +52,7 @@ TYPES: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class HouseQuestion:
     """A question to the map of one house."""
 
     id: str
@@ -70,7 +70,9 @@ class Question:
         return FAMILIES[self.family]
 
 
-def save_questions(folder: Path, questions: Sequence[Question], houses: Mapping[str, Any]) -> None:
+def save_questions(
+    folder: Path, questions: Sequence[HouseQuestion], houses: Mapping[str, Any]
+) -> None:
     """Write the questions and what there is of each house."""
     listed = [{**asdict(one), "type": one.type} for one in questions]
     document = {"version": 2, "licence": LICENCE, "types": TYPES, "houses": houses}
@@ -79,14 +81,14 @@ def save_questions(folder: Path, questions: Sequence[Question], houses: Mapping[
     write_text(folder / FILE, f'{head},\n "questions": [\n{lines}\n]}}\n')
 
 
-def load_questions(folder: Path) -> list[Question]:
+def load_questions(folder: Path) -> list[HouseQuestion]:
     """Read what `save_questions` wrote; raises GraphError for anything else."""
     document = read_json(folder / FILE)
     try:
         entries = [dict(entry) for entry in document["questions"]]
         for entry in entries:
             entry.pop("type", None)
-        found = [Question(**entry) for entry in entries]
+        found = [HouseQuestion(**entry) for entry in entries]
     except (KeyError, TypeError) as error:
         raise GraphError(f"{folder / FILE} holds no questions: {error!r}") from error
     unknown = {one.family for one in found} - FAMILIES.keys()

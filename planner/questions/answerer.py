@@ -20,6 +20,7 @@ from planner.questions.thing_answers import ThingAnswers
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import (
     counted_unnamed,
+    listed,
     notes_of,
     spoken_places,
     titled_places,
@@ -313,8 +314,7 @@ class Answerer(ThingAnswers):
 
 def _named(what: str, names: Sequence[str]) -> list[str]:
     """``Moved: cup 2, chair 3 and 4 more``; no line for no names."""
-    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return [f"{what}: {', '.join(names[:NAMED])}{rest}"] if names else []
+    return [f"{what}: {listed(names[:NAMED], len(names[NAMED:]))}"] if names else []
 
 
 def example_questions(semantic_map: SemanticMap) -> list[str]:

@@ -19,7 +19,7 @@ from planner.freespace.planning_map import number
 from planner.questions.named_things import NAMED, NamedThings, Spot, sized
 from planner.questions.patterns import ROBOT, PlainAnswer
 from planner.search.goals.known_objects import LISTED, KnownObject
-from planner.search.goals.place_names import place_category
+from planner.search.goals.place_names import listed, place_category
 from planner.search.goals.search_goals import times
 from planner.search.goals.status import status
 from planner.search.goals.target_words import alike_here
@@ -130,8 +130,8 @@ class ThingAnswers(NamedThings):
             if row["label"] != label
         ]
         named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
-        rest = f" and {len(rest_rows)} more" if (rest_rows := rows[NAMED:]) else ""
-        line = f"Within {NEAR:g} m of {label}: {', '.join(named) or 'nothing'}{rest}"
+        found = listed(named, len(rows[NAMED:])) or "nothing"
+        line = f"Within {NEAR:g} m of {label}: {found}"
         more = [f"The map has {len(others)} more of that name"] if others else []
         at = {"x": f"{x:.2f}", "y": f"{y:.2f}"}
         return self._listed("objects-within-radius", [line, *more], rows, **at)
@@ -179,9 +179,8 @@ class ThingAnswers(NamedThings):
             raise QueryParameterError(f"{one.label} is both ends, so nothing is between")
         rows = self._map.query("between", one=one.iri, other=other.iri).records()
         named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
-        rest = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
-        found = ", ".join(named) or "nothing is known to be there"
-        line = f"From {one.label} to {other.label}: {found}{rest}"
+        found = listed(named, len(rows[NAMED:])) or "nothing is known to be there"
+        line = f"From {one.label} to {other.label}: {found}"
         ends = {"one": one, "other": other}
         short = {name: end.iri.removeprefix(self._map.base) for name, end in ends.items()}
         return self._listed("between", [line], rows, **short)

@@ -69,7 +69,7 @@ def listed_places(semantic_map: SemanticMap) -> str:
     return listed(named[:_LISTED], len(named[_LISTED:]))
 
 
-def listed(named: list[str], rest: int) -> str:
+def listed(named: Sequence[str], rest: int) -> str:
     """``a, b and 3 more``."""
     return ", ".join(named) + (f" and {rest} more" if rest else "")
 

@@ -11,15 +11,15 @@ import pytest
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
 from lab.questions.plain_map import PlainMap
-from lab.questions.question_file import FAMILIES, Question, load_questions, save_questions
+from lab.questions.question_file import FAMILIES, HouseQuestion, load_questions, save_questions
 from lab.questions.scoring import score
 
 if TYPE_CHECKING:  # it imports pictures and agents, which collection need not wait for
     from lab.questions.house_drives import HouseFacts
 
 
-def question(family: str, answer: Any, **more: Any) -> Question:
-    return Question("1", "7", family, "?", more.pop("parameters", {}), answer, **more)
+def question(family: str, answer: Any, **more: Any) -> HouseQuestion:
+    return HouseQuestion("1", "7", family, "?", more.pop("parameters", {}), answer, **more)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def question(family: str, answer: Any, **more: Any) -> Question:
         (question("plan", ["den"]), [], 0.0),
     ],
 )
-def test_scores(asked: Question, given: Any, points: float) -> None:
+def test_scores(asked: HouseQuestion, given: Any, points: float) -> None:
     assert score(asked, given) == pytest.approx(points)
 
 
@@ -187,7 +187,7 @@ def test_without_a_map_the_other_houses_answers_are_given(facts: HouseFacts) -> 
 
     cup = {"category": "cup"}
     others = [
-        Question(str(n), house, "count", "?", cup, answer)
+        HouseQuestion(str(n), house, "count", "?", cup, answer)
         for n, (house, answer) in enumerate([("1", 3), ("2", 3), ("3", 5), ("7", 9)])
     ]
     with in_memory_map() as nothing:
@@ -216,9 +216,9 @@ def test_answers_of_others_are_scored_from_files(tmp_path: Path, facts, prints, 
         PlainMap({"rooms": [{"label": "x", "objects": [{"name": "a", "category": "cup"}]}]})
 
 
-def _as_read(one: Question) -> Question:
-    return Question(**json.loads(json.dumps(_fields(one))))
+def _as_read(one: HouseQuestion) -> HouseQuestion:
+    return HouseQuestion(**json.loads(json.dumps(_fields(one))))
 
 
-def _fields(one: Question) -> dict[str, Any]:
+def _fields(one: HouseQuestion) -> dict[str, Any]:
     return {name: getattr(one, name) for name in one.__dataclass_fields__}
