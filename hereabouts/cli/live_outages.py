@@ -60,11 +60,12 @@ def through_outages(
         before = mapped.count
         try:
             return run()
+        except NotAllowedError:
+            raise
         except (RemoteError, MapBusyError) as error:
             away = isinstance(error, UnreachableError)
             # after an outage, a late frame of this process may keep the map busy
             known = mapped.opened and (lost or isinstance(error, RemoteError))
-            known &= not isinstance(error, NotAllowedError)
             if not known or ended.is_set() or (not away and refused_at == mapped.count):
                 raise
             lost, refused_at = True, refused_at if away else mapped.count

@@ -82,7 +82,7 @@ class Shapes:
                 inplace=True,
                 focus_nodes=names,
             )
-        except TypeError:  # two values of which neither is the greater
+        except TypeError:  # pyshacl compares values that have no order
             raise ShapeError(
                 "a time or number cannot be compared with the others of its subject: "
                 "times of the years 1 to 9999 work"

@@ -19,6 +19,7 @@ import threading
 import time
 import weakref
 from multiprocessing.connection import Connection
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,10 +40,11 @@ _SOON: Final = 5.0  # ... and for a state of the map, which it gives without wai
 _GREETING: Final = "hereabouts folder 1"
 _GREETED: Final = 5.0  # [s]
 APPLIED: Final = "records"  # a call that applies an update of records, as of a search
-#: other calls of other processes, by the part of the map
+#: all calls of other processes; but for that one, by the part of the map
 CALLS: Final = frozenset(
     (
-        *("apply_ground", "describe", "new_object_iri", "place_frame", "restore", "update"),
+        *(APPLIED, "apply_ground", "describe", "new_object_iri", "place_frame", "restore"),
+        "update",
         *("assertions.add", "assertions.retract", "rooms.edit"),
         *("history.compact", "ontology.learn", "ontology.replace", "ontology.write"),
     )
@@ -118,16 +120,13 @@ class FolderServer:
                 return True, self._opened().sequence
             if name == "snapshot":
                 return True, self._snapshot(*arguments)
-            if name != APPLIED and name not in CALLS:
+            if name not in CALLS:
                 raise GraphError(f"a writer of a map makes no call {name!r} for others")
             if lost:
                 raise ConflictError(f"the map was held for more than {HELD:g} s; try again")
-            part: Any = self._opened()
             if name == APPLIED:
-                return True, apply_remote_update(part, *arguments, **keywords)
-            for word in name.split("."):
-                part = getattr(part, word)
-            return True, part(*arguments, **keywords)
+                return True, apply_remote_update(self._opened(), *arguments, **keywords)
+            return True, attrgetter(name)(self._opened())(*arguments, **keywords)
         except (HereaboutsError, AttributeError, LookupError, TypeError, ValueError) as error:
             return False, error
 

@@ -210,7 +210,7 @@ class Session:
 
 
 def _reason(error: Exception) -> str:
-    """What onnxruntime complains of, without its codes and the path of the file."""
+    """The complaint of onnxruntime, without its codes and the path of the file."""
     line = str(error).splitlines()[0].rpartition(" : ")[2]
     return line.rpartition(" failed:")[2].strip().rstrip(".")
 

@@ -72,11 +72,7 @@ class ObjectUpdates:
     ) -> None:
         places = PlaceRegistry(semantic_map, recording=None)
         self._mapper = BayesObjectMapper(
-            semantic_map,
-            places=places,
-            recording=recording,
-            model=detector,
-            labels=labels or LabelTable(),
+            semantic_map, places=places, recording=recording, model=detector, labels=labels
         )
         self._relations = RelationMapper(semantic_map, self._mapper.cache)
         self._map = semantic_map

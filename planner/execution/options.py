@@ -54,9 +54,7 @@ class SearchOptions:
     budget: float | None = None  # [s] of the robot's clock for this run
     give_up_at: float = BELIEF.stop_below  # chance that views missed a target, to give up at
     timeout: float = 30.0  # [s] that a robot may be silent
-    labels: LabelTable = field(
-        default_factory=LabelTable
-    )  # categories of the labels that the robot detects
+    labels: LabelTable = field(default_factory=LabelTable)  # of what the robot detects
     stopping: Callable[[], bool] = field(default=lambda: False)
     on_event: EventSink = field(default=lambda event: None)
     clock: Callable[[], float] = time.time  # of the facts written

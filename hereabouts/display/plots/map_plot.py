@@ -266,10 +266,10 @@ class _Picture:
             return NamedPlace(place.area, label, "not viewed yet")
         sure = place.beliefs[best] >= SURE
         kind = ("" if sure else "perhaps ") + plain_place(self._label(best))
-        detail = f"{label}, belief {place.beliefs[best]:.2f}"
+        names = drawable(kind), label
         if not NUMBERED.fullmatch(place.label):  # a person, or the recording, named it
-            return NamedPlace(place.area, label, f"{kind}, belief {place.beliefs[best]:.2f}")
-        return NamedPlace(place.area, drawable(kind), detail)
+            names = label, kind
+        return NamedPlace(place.area, names[0], f"{names[1]}, belief {place.beliefs[best]:.2f}")
 
     def _name(self, record: ObjectRecord) -> str:
         own = self._title(record.category, record.iri) if self._numbered else ""

@@ -105,7 +105,7 @@ class Catalogue:
 
     @classmethod
     def from_store(cls, store: QuadStore) -> Catalogue:
-        """The categories of the ontology in a map's store, of which only their facts are read."""
+        """The categories of the ontology in a map's store; other facts of it are not read."""
         graph, read = v.ONTOLOGY_GRAPH, store.quads_for_pattern
         return cls.from_quads(q for p in _READ for q in read(None, NamedNode(p), None, graph))
 

@@ -131,14 +131,15 @@ class ParameterResolver:
                 meaning = understand(self.catalogue, words)
                 if len(meaning.categories) == 1 and meaning.how != "spelling":
                     category = meaning.categories[0]
-        if category is None and len(printed := self._printed(text, list(self.places()))) == 1:
-            return printed[0]
         if category is None:
+            places = list(self.places())
+            if len(printed := self._printed(text, places)) == 1:
+                return printed[0]
             known = [label for iri, label in self._labels() if self._is_thing(iri)]
             raise QueryParameterError(
                 f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
                 "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
-                f"{did_you_mean(text, (*known, *self._titles(list(self.places()))))}"
+                f"{did_you_mean(text, (*known, *self._titles(places)))}"
             )
         if category.kind == "place":
             return self._place(text)
@@ -238,7 +239,7 @@ class ParameterResolver:
         ]
 
     def _titles(self, places: Sequence[PlaceRecord]) -> list[str]:
-        """What answers call the places."""
+        """The titles of places in answers."""
         given = [(place.iri, place.label, place.beliefs) for place in places]
         return place_titles(given, self.catalogue.label)
 

@@ -59,7 +59,7 @@ def find(
     budget: float | None = None,
     worth: float = WORTH,
 ) -> FindAnswer:
-    """Where to look for what is wanted, in which order, why, and how long it takes.
+    """A plan for what is wanted: where to look, in which order, why, and how long it takes.
 
     Args:
         semantic_map: The map.
