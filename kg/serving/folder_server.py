@@ -37,6 +37,7 @@ CHECKED: Final = 0.2  # [s] between two questions of a reader whether there is a
 HELD: Final = 2.0  # [s] that another process may keep the writer from writing
 PATIENCE: Final = 60.0  # [s] for an answer of the writer ...
 _SOON: Final = 5.0  # ... and for a state of the map, which it gives without waiting for anything
+AGAIN: Final = "run the command again, a search with --resume"  # where the writer has ended
 _GREETING: Final = "hereabouts folder 1"
 _GREETED: Final = 5.0  # [s]
 APPLIED: Final = "records"  # a call that applies an update of records, as of a search
@@ -196,7 +197,9 @@ class FolderClient:
                 succeeded, result = self._connection.recv()
             except (EOFError, OSError) as error:
                 self._connection.close()  # a late answer would be taken for that of another call
-                raise MapBusyError("the process that writes the map has ended or hangs") from error
+                raise MapBusyError(
+                    f"the process that writes the map has ended or hangs; {AGAIN}"
+                ) from error
         if not succeeded:
             raise result
         return result

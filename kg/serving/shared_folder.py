@@ -33,7 +33,7 @@ from kg.model.errors import GraphError, MapBusyError
 from kg.model.records import MapUpdate
 from kg.model.sqlite_files import LOG
 from kg.model.transactions import Cause, ChangeSet
-from kg.serving.folder_server import APPLIED, CALLS, CHECKED, FolderClient
+from kg.serving.folder_server import AGAIN, APPLIED, CALLS, CHECKED, FolderClient
 from kg.store.folder import copy_files, write_error
 from kg.store.snapshots import make_home, remove_home
 from kg.store.transaction_quads import stored_sequence
@@ -69,10 +69,7 @@ class SharedStore(TransactionalStore):
     def client(self) -> FolderClient:
         """The connection to the process that writes; raises MapBusyError if that has ended."""
         if self._client is None:
-            raise MapBusyError(
-                f"the process that wrote the map at {self.where} has ended; run the command again, "
-                "a search with --resume"
-            )
+            raise MapBusyError(f"the process that wrote the map at {self.where} has ended; {AGAIN}")
         return self._client
 
     @property
