@@ -257,9 +257,8 @@ class SemanticMap(ABC):
         if query.measures and (view := self.in_one_frame()) is not self:
             return view.query(query, language=language, **parameters)
         sparql = query.bind(parameters, self.resolve, language)
-        foreign = not query.shipped  # shipped queries order values of one type
-        table = evaluate(self.engine, sparql, query.name, base=self.base, total_order=foreign)
-        if foreign and not table.rows:
+        table = evaluate(self.engine, sparql, query.name, base=self.base, shipped=query.shipped)
+        if not query.shipped and not table.rows:
             table = replace(table, notes=absent_terms(sparql, self.engine))
         return query.check(table)
 

@@ -143,13 +143,14 @@ class ParameterizedQuery:
         terms = {name: self._term(known[name], values, resolve) for name in known}
         dollars = parameters_in(self.sparql)
         rows = "".join(  # a parameter written ?name is a variable with one value
-            f" VALUES ?{name} {{ {term} }}" for name, term in terms.items() if name not in dollars
+            f" VALUES ?{name} {{ ${name} }}" for name in terms if name not in dollars
         )
-        text = substitute(self.sparql, terms)
         languages = preferred_languages(language)
         filters = "".join(column.filter(languages) for column in self.labels if not column.every)
         minus = "".join(column.minus(languages) for column in self.labels if column.every)
-        return insert_into_pattern(text, rows + self._cell_values(terms) + filters, minus)
+        # terms are put in last: the tokens of the rest are kept for the next call
+        first = rows + self._cell_values(terms) + filters
+        return substitute(insert_into_pattern(self.sparql, first, minus), terms)
 
     def check(self, answer: Table) -> Table:
         """`answer` itself; raises QueryError where its columns are not those of the header."""
