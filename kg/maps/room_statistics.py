@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-
-from pyoxigraph import NamedNode
+from operator import itemgetter
+from typing import Final
 
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.placement.belief_model import FITTED, PlacementParameters
 from kg.knowledge.placement.statistics import RoomTable, statistics, statistics_quads, table_quads
 from kg.knowledge.placement.table import PlacementTable, table_of
+from kg.maps.query.evaluation import evaluate
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause
-from kg.rdf.literals import text_of
 
 
 def placement_table(
@@ -50,27 +50,23 @@ class _PlacedObject:
     existence: float
 
 
+_PLACED: Final = """
+SELECT ?thing ?kind ?place ?existence WHERE { GRAPH graph:map {
+  ?thing here:inPlace ?place ; a ?kind ; here:x ?x OPTIONAL { ?thing here:existence ?existence }
+} }"""
+
+
 def _placed_objects(semantic_map: SemanticMap) -> Iterator[_PlacedObject]:
     """The objects in places, as `SemanticMap.objects` has them, without their other properties."""
-
-    def values(predicate: str) -> dict[str, str]:
-        found: dict[str, str] = {}
-        node = NamedNode(predicate)
-        for quad in semantic_map.engine.quads_for_pattern(None, node, None, v.MAP_GRAPH):
-            subject, value = text_of(quad.subject), text_of(quad.object)
-            found[subject] = min(value, found.get(subject, value))
-        return found
-
-    place, x, existence = (values(p) for p in (v.IN_PLACE, v.X, v.EXISTENCE))
-    kinds: dict[str, list[str]] = {}
-    for quad in semantic_map.engine.quads_for_pattern(None, v.RDF_TYPE, None, v.MAP_GRAPH):
-        kinds.setdefault(text_of(quad.subject), []).append(text_of(quad.object))
-    by_iri = semantic_map.catalogue.by_iri
-    for iri in place.keys() & x.keys():
-        known = (one for one in map(by_iri, sorted(kinds.get(iri, ()))) if one is not None)
-        category = next((one.iri for one in known if one.kind != "place"), v.UNNAMED_THING)
-        if category != v.UNNAMED_THING:
-            yield _PlacedObject(category, place[iri], float(existence.get(iri, "1")))
+    rows = evaluate(semantic_map.engine, _PLACED, shipped=True).rows
+    by_iri, done = semantic_map.catalogue.by_iri, set[object]()
+    for thing, kind, place, existence in sorted(rows, key=itemgetter(0, 1, 2)):
+        category = by_iri(str(kind))
+        if category is not None and category.kind != "place" and thing not in done:
+            done.add(thing)
+            if category.iri != v.UNNAMED_THING:
+                given = 1.0 if existence is None else float(str(existence))
+                yield _PlacedObject(category.iri, str(place), given)
 
 
 def import_rooms(semantic_map: SemanticMap, table: RoomTable) -> int:
