@@ -127,14 +127,19 @@ def belief_cells(space: FreeSpace) -> Cells:
 
 def squares(space: FreeSpace, cells: Cells) -> NDArray[np.intp]:
     """(n,) numbers of the squares with sides of `SQUARE` metres that contain floor `cells`."""
-    side = max(1, round(SQUARE / space.cell))
-    ix, iy = np.divmod(cells, space.shape[1])
-    return np.asarray((ix // side) * space.shape[1] + iy // side, np.intp)
+    side, columns = _side(space), space.shape[1]
+    return np.asarray(cells // columns // side * columns + cells % columns // side, np.intp)
+
+
+def _side(space: FreeSpace) -> int:
+    """Cells on a side of a square."""
+    return max(1, round(SQUARE / space.cell))
 
 
 def square(space: FreeSpace, cell: int) -> int:
     """Number of the square that contains floor cell `cell`."""
-    return int(squares(space, np.array([cell], np.intp))[0])
+    side, columns = _side(space), space.shape[1]
+    return cell // columns // side * columns + cell % columns // side
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -138,8 +138,10 @@ class NextBestView:
             max_gain = float(weight[room.cells].sum()) * self.views.sensor.recall
             if max_gain <= best_rate * float(costs[room.rows].min()):
                 continue  # no view of this room can have a better rate
-            view = int(room.rows[np.argmax(rate[room.rows])])
-            room_rate = self._lookahead_rate(at, weight, room, view, revisits)
+            number = int(np.argmax(rate[room.rows]))
+            view = int(room.rows[number])
+            seconds = float(costs[view])
+            room_rate = self._lookahead_rate(at, weight, room, number, seconds, revisits)
             if room_rate > best_rate + 1e-15:
                 best, best_rate = view, room_rate
         return best
@@ -149,15 +151,17 @@ class NextBestView:
         at: RobotState,
         weight: NDArray[np.float64],
         room: _Room,
-        view: int,
+        number: int,
+        seconds: float,
         revisits: RevisitModel,
     ) -> float:
-        """Rate of the best prefix of a greedy walk through one room that begins with `view`."""
-        left, seconds, gained, best_rate = weight.copy(), 0.0, 0.0, 0.0
+        """Rate of the best prefix of a greedy walk through one room.
+
+        It begins with view `number` of the room, which takes `seconds`.
+        """
+        left, gained, best_rate = weight.copy(), 0.0, 0.0
         value = room.reduced(self.views, revisits)
         for step in range(_AHEAD + 1):
-            seconds += float(self.costs(at, np.array([view]))[0])
-            number = int(np.searchsorted(room.rows, view))
             part = slice(*room.chance.starts[number : number + 2])
             gain = value[part] * left[room.chance.cell[part]]
             gained += float(gain.sum())
@@ -165,9 +169,10 @@ class NextBestView:
             if step == _AHEAD:
                 break
             left[room.chance.cell[part]] -= gain
-            at = self.after(at, view)
-            rate = room.chance.product(left, value) / self.costs(at, room.rows)
-            view = int(room.rows[np.argmax(rate)])
+            at = self.after(at, int(room.rows[number]))
+            costs = self.costs(at, room.rows)
+            number = int(np.argmax(room.chance.product(left, value) / costs))
+            seconds += float(costs[number])
         return best_rate
 
 
