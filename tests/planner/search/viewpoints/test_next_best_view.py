@@ -67,11 +67,14 @@ def test_no_room_with_a_better_walk_is_left_out(weight: np.ndarray, cell: int, l
     weight = np.where(home().room.reshape(-1)[views().cells] == likely, weight, weight / 9)
     floor = home().floor()
     at = RobotState(int(floor[cell % len(floor)]))
-    rate = none.gains(weight) / one.costs(at, np.arange(len(views().viewpoint)))
-    starts = {int(room.rows[np.argmax(rate[room.rows])]): room for room in one._rooms}
-    walks = {
-        view: one._lookahead_rate(at, weight, room, view, none) for view, room in starts.items()
-    }
+    costs = one.costs(at, np.arange(len(views().viewpoint)))
+    rate = none.gains(weight) / costs
+    walks = {}
+    for room in one._rooms:
+        number = int(np.argmax(rate[room.rows]))
+        view = int(room.rows[number])
+        seconds = float(costs[view])
+        walks[view] = one._lookahead_rate(at, weight, room, number, seconds, none)
     best = int(np.argmax(rate))
     assert one.best(at, weight) == max(walks, key=lambda v: (walks[v], v == best))
 
