@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from functools import partial
 from typing import Annotated, Final, Literal
 
 from pydantic import Field
@@ -14,11 +12,9 @@ from hereabouts.agents.list_tools import Limit, Skip, ThingName
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.plain_values import clock
 from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
-from kg.history.timestamps import instant
 from kg.maps.facts.assertions import kept_property
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
-from planner.questions.moments import read_since
 
 _MAX_CHANGES: Final = 4  # listed for a transaction
 
@@ -65,8 +61,7 @@ class ChangeTools:
     ) -> a.Changed:
         """Objects and rooms that appeared, are gone, moved or have another name since a moment."""
         state, semantic_map = self._context.state(), self._context.semantic_map
-        compare = partial(semantic_map.history.compare, far=metres)
-        found = read_since(semantic_map, instant(since, time.time()), compare)
+        found = semantic_map.history.compare(since, far=metres)
         changes: list[ObjectChange | RoomChange] = [*found.changes, *found.rooms]
         return a.Changed(
             map=state,

@@ -1,10 +1,15 @@
 """Moments in words are understood at every door that reads the past."""
 
+import contextlib
+import io
 import json
 
 import pytest
 import requests
 
+from hereabouts.cli import main
+from kg.history.timestamps import moment
+from kg.serving.opening import open_map
 from tests.doors.doors import House, RefusedError, answered, command, refusals, tool
 
 CUPS = "SELECT ?thing WHERE { ?thing a here:Cup }"
@@ -58,3 +63,56 @@ def test_a_moment_is_understood(house: House, door, moment: str) -> None:  # typ
 def test_a_moment_that_is_none_is_told(house: House, door, moment: str, says: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(RefusedError, match=says):
         door(house, moment)
+
+
+# --- comparing two moments: a time before the history begins means its beginning ---
+
+
+def _difference(house: House, begin: str) -> int:
+    with refusals():
+        return house.map.history.diff(begin, "now").before
+
+
+def _comparison(house: House, begin: str) -> int:
+    with refusals():
+        return house.map.history.compare(begin).before
+
+
+def _of_server(house: House, begin: str) -> int:
+    with refusals(), open_map(house.server.url) as remote:
+        compared = remote.history.compare(begin).before
+        assert remote.history.diff(begin, "now").before == compared
+    return compared
+
+
+def _of_diff(house: House, begin: str) -> int:
+    url = f"{house.server.url}diff"
+    answer = requests.get(url, {"from": begin}, headers={"Accept": "application/json"}, timeout=120)
+    return int(answered(answer).json()["before"])
+
+
+def _command_diff(house: House, begin: str) -> int:
+    err = io.StringIO()
+    with contextlib.redirect_stderr(err):
+        code = main(["diff", str(house.folder), begin])
+    if code:
+        raise RefusedError(err.getvalue())
+    return int(err.getvalue().removeprefix("#").split()[0])
+
+
+def _what_changed(house: House, begin: str) -> int:
+    since = tool(house, "what_changed", since=begin)["since"]
+    log = house.map.history.log
+    return log.sequence_at(moment(since) + 0.001)
+
+
+COMPARING = (_difference, _comparison, _of_server, _of_diff, _command_diff, _what_changed)
+
+
+@pytest.mark.parametrize("door", COMPARING)
+def test_a_comparison_begins_with_the_history(house: House, door) -> None:  # type: ignore[no-untyped-def]
+    for begin in ("2 days ago", "1999-01-01", "#0"):
+        assert door(house, begin) == 0
+    for begin, says in (("#999", "no transaction #999"), ("someday", "no moment")):
+        with pytest.raises(RefusedError, match=says):
+            door(house, begin)
