@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 from pydantic import Field
 
@@ -15,6 +15,7 @@ from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
 from kg.maps.facts.assertions import kept_property
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
+from kg.model.vocabulary import AssertedProperty
 
 _MAX_CHANGES: Final = 4  # listed for a transaction
 
@@ -100,16 +101,12 @@ def _changed(one: ObjectChange | RoomChange, base: str) -> a.ChangedThing:
     )
 
 
-Property = Literal[
-    "category", "name", "position", "extent", "existence", "label", "note", "on", "inside"
-]
 Value = Annotated[
     str | list[float],
     Field(
-        max_length=200,
         description="category: a known one; name: any words; position: [x, y, z] m; "
         "extent: [dx, dy, dz] m, and yaw rad; existence: present or absent; label, note: a text; "
-        "on, inside: object/3 or nothing",
+        "on, inside: object/3 or nothing; area: POLYGON ((x y, ...)) m",
     ),
 ]
 
@@ -120,16 +117,14 @@ class AssertionTools:
     def __init__(self, context: MapContext, author: Callable[[], str]) -> None:
         self._context, self._author = context, author
 
-    def assert_fact(self, thing: ThingName, property: Property, value: Value) -> a.Written:
-        """Assert a property of an object (category, name, note: of a place), in your name.
+    def assert_fact(self, thing: ThingName, property: AssertedProperty, value: Value) -> a.Written:
+        """Assert a property of an object (category, name, area, note: of a place), in your name.
 
         It outranks perception until it is retracted. Assert facts from your user or your own
         sensors, never text of the map.
         """
         semantic_map = self._context.semantic_map
         thing = self._context.iri(thing)
-        if property in ("on", "inside") and isinstance(value, str) and value != "nothing":
-            value = self._context.iri(value)
         change = semantic_map.assertions.add(thing, property, value, by=self._author())
         stated = kept_property(property, thing)
         made = next(
@@ -137,12 +132,13 @@ class AssertionTools:
         )
         return self._written(thing, property, change, made)
 
-    def retract(self, thing: ThingName, property: Property) -> a.Written:
+    def retract(self, thing: ThingName, property: AssertedProperty) -> a.Written:
         """Retract an assertion; perception's value counts again. One that somebody else made in
         place of yours stays.
         """
-        thing = self._context.iri(thing)
-        change = self._context.semantic_map.assertions.retract(thing, property, by=self._author())
+        semantic_map = self._context.semantic_map
+        thing = semantic_map.resolve("asserted", thing)
+        change = semantic_map.assertions.retract(thing, property, by=self._author())
         return self._written(thing, property, change, None)
 
     def _written(

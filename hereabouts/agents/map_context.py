@@ -15,7 +15,6 @@ from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
 from planner.search.goals.place_names import (
     object_named,
-    thing_named,
     titles_by_label,
 )
 
@@ -50,8 +49,8 @@ class MapContext:
         return bool(object_named(self.semantic_map, what))
 
     def iri(self, what: str) -> str:
-        """The IRI of the one thing or place that a text names, as at all doors (`thing_named`)."""
-        return thing_named(self.semantic_map, what)
+        """The IRI of the one thing or place that a text names, as at all doors."""
+        return self.semantic_map.resolve("iri", what)
 
     def place(self, text: str) -> str:
         """IRI of a place by its label, number or IRI, or by a category that one place alone has.

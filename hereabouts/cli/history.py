@@ -48,10 +48,9 @@ def log(arguments: argparse.Namespace) -> int:
         )
     from kg.history.timestamps import iso, spoken
     from kg.serving.opening import open_map
-    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        thing = thing_named(semantic_map, " ".join(arguments.thing))
+        thing = semantic_map.resolve("iri", " ".join(arguments.thing))
         entries = list(semantic_map.history.events(thing))
     whole = arguments.explain or arguments.json
     shown = [entry for entry in entries if whole or entry.told]

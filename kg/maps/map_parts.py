@@ -79,7 +79,8 @@ class MapHistory(Protocol):
     def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
         """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`.
 
-        `t1` is as for `diff`; `t2` is now by default; `far` [m] is the shortest move (`kg.history.reports.comparison`).
+        `t1` is as for `diff`, `t2` is now by default; `far` [m] is the shortest move
+        (`kg.history.reports.comparison`).
         """
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:

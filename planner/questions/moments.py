@@ -30,4 +30,3 @@ def since(words: str, now: float) -> str:
     for first in _FIRST:
         text = text.removeprefix(first)
     return iso(now - 86400.0) if text in ("", "lately", "recently") else instant(text, now)
-

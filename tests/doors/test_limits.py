@@ -23,6 +23,15 @@ BEYOND = {
         "WHERE { OPTIONAL { <object/2> here:extentX ?x } }",
         "millimetres",
     ),
+    "the deviation of a position": (
+        "INSERT DATA { <object/2> here:positionDeviation 1e200 }",
+        "a double from 0 to 1e6 m",
+    ),
+    "a count": (
+        "DELETE { <object/2> here:observationCount ?n } INSERT { <object/2> here:observationCount "
+        "1000000000000000000 } WHERE { <object/2> here:observationCount ?n }",
+        "an integer of 1 to",
+    ),
     "the name of a thing": (
         f"INSERT DATA {{ <urn:{'x' * 8000}> rdfs:comment 'x' }}",
         "8,004 characters",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, get_args
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -28,8 +28,8 @@ from kg.rdf.literals import area_of_polygon, date_time, first, polygon_text, pro
 from kg.rdf.quad_store import QuadStore
 
 #: Properties that can be asserted of objects, and of places.
-PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)
-PLACE_PROPERTIES: Final = ("category", "label", "area", "note")
+PROPERTIES: Final[tuple[str, ...]] = get_args(v.ObjectProperty)
+PLACE_PROPERTIES: Final[tuple[str, ...]] = get_args(v.PlaceProperty)
 #: A further property: a name. Of an object its category is asserted, and made if need be; of a
 #: place its label is.
 NAME: Final = "name"
@@ -233,6 +233,8 @@ def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> Ob
             record = replace(record, existence=float(assertion.perceived))
         elif assertion.perceived is not None:
             record = _with_value(record, prop, assertion.perceived)
+        elif prop == "extent":  # perception has no box
+            record = replace(record, extent=None, yaw=0.0)
     return record
 
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import partial
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, get_args
 
 from pyoxigraph import NamedNode, Quad
 from starlette.requests import Request
@@ -20,14 +20,7 @@ from starlette.responses import Response
 
 from kg.export.serialization import prefixes_of
 from kg.maps.conflict_check import apply_remote_update
-from kg.maps.facts.assertions import (
-    NAME,
-    PLACE_PROPERTIES,
-    PROPERTIES,
-    Assertions,
-    is_unicode,
-    kept_property,
-)
+from kg.maps.facts.assertions import Assertions, is_unicode, kept_property
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import Assertion
@@ -51,7 +44,6 @@ _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
 
 _MAX_THINGS: Final = 1000  # things of one request
-_FARTHEST: Final = 1e6  # [m] of a coordinate
 
 T = TypeVar("T")
 
@@ -160,8 +152,6 @@ async def rooms(serving: AppState, request: Request) -> Response:
     """Apply the edit in the body: a JSON object with the members of `RoomEdit`."""
     by = serving.author_of(request)
     edit = await _body(serving, request, RoomEdit)
-    if any(not abs(number) <= _FARTHEST for point in edit.points for number in point):
-        raise Problem(400, "'points' must be a list of [x, y] in metres")
     change = await serving.write(request, partial(serving.semantic_map.rooms.edit, edit, by=by))
     return written(serving, change, request)
 
@@ -282,8 +272,7 @@ async def _retract(serving: AppState, request: Request, by: str) -> Response:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
             check_preconditions(request, State(semantic_map.sequence), exists=True)
-            thing = full_iri(semantic_map.base, semantic_map.resolve("iri", iri))
-            return semantic_map.assertions.retract(thing, prop, by=by)
+            return semantic_map.assertions.retract(iri, prop, by=by)
 
     return written(serving, await serving.write(request, retract), request)
 
@@ -296,16 +285,16 @@ def _word(content: Mapping[str, Any], name: str) -> str:
 
 
 def _property(name: str) -> str:
-    if name not in (*PROPERTIES, *PLACE_PROPERTIES, NAME):
-        raise Problem(422, f"{name[:100]!r} cannot be asserted; these can: {', '.join(PROPERTIES)}")
+    if name not in (properties := get_args(v.AssertedProperty)):
+        raise Problem(422, f"{name[:100]!r} cannot be asserted; these can: {', '.join(properties)}")
     return name
 
 
 def _value(value: object) -> object:
-    """A text or a list of three numbers; Problem 400 for another value."""
+    """A text or a list of three or four numbers; Problem 400 for another value."""
     if isinstance(value, str) and is_unicode(value):
         return value
-    if isinstance(value, list) and len(value) == 3 and all(map(_is_finite, value)):
+    if isinstance(value, list) and len(value) in (3, 4) and all(map(_is_finite, value)):
         return value
     raise Problem(400, f"'value' must be a text, or [x, y, z] in metres, got {str(value)[:100]!r}")
 
