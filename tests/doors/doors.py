@@ -411,11 +411,6 @@ def _apply(house: House, update: MapUpdate) -> None:
         house.map.apply(update)
 
 
-def _apply_beside_the_writer(house: House, update: MapUpdate) -> None:
-    with refusals(), open_map(house.live) as editor:
-        editor.apply(update)
-
-
 def _post_records(house: House, update: MapUpdate) -> None:
     with refusals(), _token(house), open_map(house.server.url) as mapper:
         mapper.apply(update)
@@ -423,7 +418,6 @@ def _post_records(house: House, update: MapUpdate) -> None:
 
 APPLYING: Final[dict[str, Callable[[House, MapUpdate], None]]] = {
     "python": _apply,
-    "beside the writer": _apply_beside_the_writer,
     "records": _post_records,
 }
 

@@ -68,9 +68,9 @@ def test_a_thing_is_retracted_by_the_name_that_was_asserted_away(house: House, d
 
 #: a changed field of a record, and what the refusal says
 NO_RECORD: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"p_map": np.array([1e200, 1.0, 1.0])}, "position must be within"),
+    ({"p_map": np.array([1e200, 1.0, 1.0])}, "position"),
     ({"p_map": np.array([1.0, 1.0, np.nan])}, "position"),
-    ({"extent": np.array([1.0, 1e7, 1.0])}, "extent must be within"),
+    ({"extent": np.array([1.0, 1e7, 1.0])}, "extent must be within|has a side of"),
     ({"extent": np.array([1.0, 1.0, 1.0]), "yaw": 4.0}, "yaw must be within"),
     ({"deviation": 1e200}, "deviation must be within"),
     ({"existence": 1.5}, "existence must be within"),
