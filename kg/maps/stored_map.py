@@ -37,6 +37,7 @@ from kg.maps.stored_ontology import StoredOntology
 from kg.maps.subscriptions import StoredSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
+from kg.maps.thing_names import check_label
 from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.maps.update.completion import complete_change
 from kg.maps.update.execution import evaluate_update
@@ -56,6 +57,7 @@ Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3  # to write what was prepared while others wrote
 
+_LABEL: Final = NamedNode(v.RDFS_LABEL)
 MAX_NOTE: Final = 500  # characters of an update kept with its transaction
 
 
@@ -201,6 +203,9 @@ class StoredMap(SemanticMap):
         validator = self.ontology.validator()
         draft.skolemise()
         validator.check_permissions(draft, allow)
+        for quad in draft.added:
+            if quad.predicate == _LABEL and quad.graph_name == v.MAP_GRAPH:
+                check_label(str(getattr(quad.object, "value", "")))
         complete_change(draft, self._facts, by)
         check_facts(len(draft.added) + len(draft.removed))
         if not confirmed:

@@ -16,6 +16,13 @@ BEYOND = {
         "15 digits",
     ),
     "a label": (f"INSERT DATA {{ <object/1> rdfs:label '{'x' * 501}' }}", "501 characters"),
+    "a label of two lines": (
+        r"INSERT DATA { <object/1> rdfs:label 'cup\nby the sink' }",
+        "one line",
+    ),
+    "a label that hides": ("INSERT DATA { <object/1> rdfs:label 'cup\u202e' }", "visible"),
+    "the id of another as a label": ("INSERT DATA { <place/1> rdfs:label 'place/2' }", "is the id"),
+    "an empty label": ("INSERT DATA { <object/1> rdfs:label ' ' }", "one character"),
     "a text": (f"INSERT DATA {{ <object/1> rdfs:comment '{'x' * 100_001}' }}", "100,001"),
     "an IRI": (f"INSERT DATA {{ <object/1> rdfs:seeAlso <urn:{'x' * 8000}> }}", "8,004"),
     "the side of a thing, in millimetres": (

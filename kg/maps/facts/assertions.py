@@ -18,7 +18,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import NAMED, Catalogue
 from kg.maps.facts.spatial_relations import NOTHING, SINGLE, asserted_relations, perceived_value
-from kg.maps.thing_names import asserted_category, check_no_reference, checked_line
+from kg.maps.thing_names import asserted_category, check_label, checked_line
 from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
@@ -194,7 +194,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         return checked_line(text, "a note", "closed for painting until Friday")
     if prop == "label":
         text = checked_line(text, "a label", "cup by the sink")
-        check_no_reference(text, "a label", "cup by the sink")
+        check_label(text)
     return text
 
 
