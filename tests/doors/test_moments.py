@@ -65,6 +65,49 @@ def test_a_moment_that_is_none_is_told(house: House, door, moment: str, says: st
         door(house, moment)
 
 
+# --- names in questions about the past are those of then ---
+
+LABELLED = ("my old cup", "my new cup")
+
+
+@pytest.fixture(scope="module")
+def renamed(house: House) -> int:
+    """The transaction after which the cup has the first of its two names."""
+    for label in LABELLED:
+        house.map.assertions.add("object/2", "label", label, by="ann")
+    return house.map.sequence - 1
+
+
+def _where_in_python(house: House, name: str, moment: str) -> object:
+    with refusals(), house.map.at(moment) as then:
+        return then.query("whereabouts", object=name).records()[0]["object"]
+
+
+def _where_asked(house: House, name: str, moment: str) -> object:
+    words = ("ask", house.live, "whereabouts", "-p", f"object={name}", "--at", moment, "--json")
+    return json.loads(command(*words))[0]["object"]
+
+
+def _where_of_server(house: House, name: str, moment: str) -> object:
+    url = house.server.url
+    words = ("ask", url, "whereabouts", "-p", f"object={name}", "--at", moment, "--json")
+    return json.loads(command(*words))[0]["object"]
+
+
+def _near(house: House, name: str, moment: str) -> object:
+    tool(house, "list_things", near=name, radius=50, least=0, at=moment)
+    return "object/2"
+
+
+@pytest.mark.parametrize("door", [_where_in_python, _where_asked, _where_of_server, _near])
+def test_a_name_is_that_of_the_moment(house: House, renamed: int, door) -> None:  # type: ignore[no-untyped-def]
+    old, new = LABELLED
+    for name, other, sequence in ((old, new, renamed), (new, old, renamed + 1)):
+        assert str(door(house, name, f"#{sequence}")).endswith("object/2")
+        with pytest.raises(RefusedError, match="nothing is called"):
+            door(house, other, f"#{sequence}")
+
+
 # --- comparing two moments: a time before the history begins means its beginning ---
 
 
