@@ -189,7 +189,7 @@ def _text(path: Path) -> str:
 _RESTORE_OPTIONS = """
 MAP
 --to WHEN        #254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z, yesterday
---only WHAT ...  objects, places, assertions, ontology, or one thing by IRI (repeatable)
+--only WHAT ...  objects, places, assertions, ontology, or one thing by name or IRI (repeatable)
 --by
 --yes            confirm that a large share of the map is deleted
 --dry-run        only count what would change

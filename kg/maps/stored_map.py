@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -43,6 +43,7 @@ from kg.maps.update.completion import complete_change
 from kg.maps.update.execution import evaluate_update
 from kg.maps.update.validation import DeletionLimit, check_confirmed, drop_inferred_types
 from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.skolem import named
@@ -244,10 +245,11 @@ class StoredMap(SemanticMap):
         dry_run: bool = False,
     ) -> Restored:
         """Write a past state back as one new transaction."""
-        from kg.maps.update.restoration import Restoration
+        from kg.maps.update.restoration import SCOPES, Restoration
 
         self.store.check_writable()
         sequence = sequence_of(self.history.log, when)
+        only = [name if name in SCOPES else self._called(name, sequence) for name in only]
 
         def prepared() -> tuple[Restoration, Restored]:
             work = Restoration(
@@ -335,6 +337,14 @@ class StoredMap(SemanticMap):
             self.store.check_writable()
             removed, added = changed_frame(self.engine, self.base, relative_to, T)
             return self.store.commit(removed, added, Cause("update", by, "frame"))
+
+    def _called(self, name: str, sequence: int) -> str:
+        """IRI of a thing by its name now or after a transaction; other names as they are."""
+        with suppress(QueryParameterError):
+            return self.resolve("iri", name)
+        with suppress(QueryParameterError), self.at(sequence) as then:
+            return then.resolve("iri", name)
+        return name
 
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""

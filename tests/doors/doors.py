@@ -416,6 +416,12 @@ def _post_records(house: House, update: MapUpdate) -> None:
         mapper.apply(update)
 
 
+def learn_remotely(house: House, labels: list[str]) -> dict[str, str]:
+    """The categories of a network's labels, as a mapper elsewhere learns them."""
+    with _token(house), open_map(house.server.url) as mapper:
+        return mapper.ontology.learn(labels, "object", model="net")
+
+
 APPLYING: Final[dict[str, Callable[[House, MapUpdate], None]]] = {
     "python": _apply,
     "records": _post_records,

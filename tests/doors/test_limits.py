@@ -2,8 +2,15 @@
 
 import pytest
 
-from kg.model.errors import QueryRefusedError
-from tests.doors.doors import ASSERTING, READING, UPDATING, House, RefusedError
+from kg.model.errors import InvalidFactError, QueryRefusedError
+from tests.doors.doors import (
+    ASSERTING,
+    READING,
+    UPDATING,
+    House,
+    RefusedError,
+    learn_remotely,
+)
 
 #: updates beyond a limit, and what the refusal says
 BEYOND = {
@@ -71,6 +78,24 @@ def test_millimetres_are_refused(house: House, door: str, prop: str) -> None:
     with pytest.raises(RefusedError, match="millimetres"):
         ASSERTING[door](house, "object/2", prop, "1200 400 750")
     assert house.map.sequence == before
+
+
+LEARNING = {
+    "python": lambda house, labels: house.map.ontology.learn(labels, "object", model="net"),
+    "labels": learn_remotely,
+}
+
+
+@pytest.mark.parametrize("door", LEARNING)
+def test_the_labels_of_a_network_have_one_limit(house: House, door: str) -> None:
+    before = house.map.sequence
+    with pytest.raises(InvalidFactError, match="up to 50,000 labels, got 50,001"):
+        LEARNING[door](house, [f"gizmo {number}" for number in range(50_001)])
+    assert house.map.sequence == before
+    long = f"{door} gizmo {'x' * 600}"
+    (learnt,) = LEARNING[door](house, [long]).values()
+    found = house.map.catalogue.by_iri(learnt)
+    assert found is not None and found.label == long[:200]
 
 
 #: patterns that no reader may ask, and what the refusal says

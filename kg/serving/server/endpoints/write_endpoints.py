@@ -38,10 +38,9 @@ from kg.serving.server.linked_data.descriptions import local_path
 from kg.serving.workers.content_negotiation import GRAPH_TYPES
 from kg.store.sparql_client import SEQUENCE
 
-_MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
+_MAX_TEXT: Final = 500  # characters of a note
 #: a search, which is the author of its transactions
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
-_MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
 
 _MAX_THINGS: Final = 1000  # things of one request
 
@@ -129,8 +128,6 @@ async def labels(serving: AppState, request: Request) -> Response:
     """Categories of the labels of a network; missing ones are added in one transaction."""
     serving.author_of(request)
     given = await _body(serving, request, NetworkLabels)
-    if len(given.labels) > _MAX_ITEMS or max(map(len, (*given.labels, given.model))) > _MAX_TEXT:
-        raise Problem(400, f"up to {_MAX_ITEMS} labels, and texts of up to {_MAX_TEXT} characters")
     ontology = serving.semantic_map.ontology
     learn = partial(ontology.learn, given.labels, given.kind, model=given.model)
     found = await serving.write(request, learn)
