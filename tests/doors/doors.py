@@ -32,6 +32,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
 from kg.model.records import MapUpdate
+from kg.model.room_edit import RoomEdit
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers.local_evaluation import LimitedQueries
@@ -414,6 +415,12 @@ def _apply(house: House, update: MapUpdate) -> None:
 def _post_records(house: House, update: MapUpdate) -> None:
     with refusals(), _token(house), open_map(house.server.url) as mapper:
         mapper.apply(update)
+
+
+def draw_beside_the_writer(house: House, edit: RoomEdit) -> None:
+    """Edit the rooms in the folder that is open here, as another process does."""
+    with refusals(), open_map(house.live) as editor:
+        editor.rooms.edit(edit, by="ann")
 
 
 def learn_remotely(house: House, labels: list[str]) -> dict[str, str]:

@@ -1,16 +1,29 @@
 """Values of things: the same ones are taken and refused at every door that writes them."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, get_args
 
 import numpy as np
 import pytest
+import requests
 
 from kg.maps.facts.assertions import NAME
 from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
 from kg.model.records import MapUpdate
 from kg.model.resources import ONTOLOGIES
-from tests.doors.doors import APPLYING, ASSERTING, RETRACTING, House, RefusedError, command
+from kg.model.room_edit import RoomEdit
+from tests.doors.doors import (
+    APPLYING,
+    ASSERTING,
+    PATIENCE,
+    RETRACTING,
+    House,
+    RefusedError,
+    answered,
+    command,
+    draw_beside_the_writer,
+)
 
 CUP, KITCHEN = "object/2", "place/1"
 #: thing, property, value, what the refusal says
@@ -66,6 +79,34 @@ def test_a_thing_is_retracted_by_the_name_that_was_asserted_away(house: House, d
         assert house.map.assertions.all(name) == ()
 
 
+DRAWING = {
+    "python": lambda house, edit: house.map.rooms.edit(edit, by="ann"),
+    "http": lambda house, edit: answered(
+        requests.post(
+            f"{house.server.url}rooms", json=asdict(edit), headers=house.bearer, timeout=PATIENCE
+        )
+    ),
+    "beside the writer": draw_beside_the_writer,
+}
+
+
+@pytest.mark.parametrize("door", DRAWING)
+@pytest.mark.parametrize("kind", ["draw", "split", "here"])
+def test_a_room_is_called_what_a_label_may_be(house: House, door: str, kind: str) -> None:
+    points = {"draw": ((20.0, 0.0), (22.0, 0.0), (22.0, 2.0)), "split": ((6.0, -1.0), (6.0, 5.0))}
+    places = ("place/2",) if kind == "split" else ()
+    before = house.map.sequence
+    for name, says in (
+        ("x" * 101, "up to 100 characters"),
+        ("a\u202eb", "visible characters"),
+        ("a\nb", "one line"),
+        ("place/1", "is the id of a thing"),
+    ):
+        with pytest.raises((RefusedError, InvalidFactError), match=says):
+            DRAWING[door](house, RoomEdit(kind, places, points.get(kind, ()), name))
+    assert house.map.sequence == before
+
+
 #: a changed field of a record, and what the refusal says
 NO_RECORD: tuple[tuple[dict[str, Any], str], ...] = (
     ({"p_map": np.array([1e200, 1.0, 1.0])}, "position"),
@@ -77,17 +118,20 @@ NO_RECORD: tuple[tuple[dict[str, Any], str], ...] = (
     ({"observations": 10**16}, "observations must be"),
     ({"last_seen": 1e12}, "years 1 to 9999"),
     ({"category": f"{v.HERE}Zorb"}, "Zorb"),
+    ({"iri": "https://example.org/maps/house/object/a b"}, "a b"),
 )
 
 
 @pytest.mark.parametrize("door", APPLYING)
 def test_a_record_beyond_a_limit_is_refused(house: House, door: str) -> None:
+    house.map.assertions.add("object/1", "label", "fruit", by="ann")
     (cup,) = (one for one in house.map.objects() if one.iri == house.map.base + CUP)
     before = house.map.sequence
     for fields, says in NO_RECORD:
         with pytest.raises(RefusedError, match=says):
             APPLYING[door](house, MapUpdate((replace(cup, **fields),)))
     assert house.map.sequence == before
+    house.map.assertions.retract("object/1", "label", by="ann")
 
 
 def test_the_shapes_allow_the_asserted_properties() -> None:

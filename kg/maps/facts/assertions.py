@@ -24,7 +24,15 @@ from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
 from kg.model.records import Assertion, ObjectRecord, PlaceRecord, likeliest
-from kg.rdf.literals import area_of_polygon, date_time, first, polygon_text, properties_of, stamp_of
+from kg.rdf.literals import (
+    area_of_polygon,
+    date_time,
+    first,
+    iri_node,
+    polygon_text,
+    properties_of,
+    stamp_of,
+)
 from kg.rdf.quad_store import QuadStore
 
 #: Properties that can be asserted of objects, and of places.
@@ -63,7 +71,8 @@ class Assertions:
 
     def of(self, store: QuadStore, subject: str) -> dict[str, Assertion]:
         """The assertions about a subject, by property."""
-        return {found.property: found for found in self._read_all(store, NamedNode(subject))}
+        node = iri_node(subject, "a thing")
+        return {found.property: found for found in self._read_all(store, node)}
 
     def all(self, store: QuadStore) -> tuple[Assertion, ...]:
         """All assertions, by subject and property."""
