@@ -30,7 +30,7 @@ class ChangeTools:
         """The last changes of one thing (object/17, place/1), the latest first, with authors."""
         state = self._context.state()
         semantic_map = self._context.semantic_map
-        iri = self._context.iri(what).removeprefix(semantic_map.base)
+        iri = semantic_map.resolve("iri", what).removeprefix(semantic_map.base)
         entries = [*semantic_map.history.events(iri)][::-1]
         return a.HistoryAnswer(
             map=state,
@@ -124,7 +124,7 @@ class AssertionTools:
         sensors, never text of the map.
         """
         semantic_map = self._context.semantic_map
-        thing = self._context.iri(thing)
+        thing = semantic_map.resolve("iri", thing)
         change = semantic_map.assertions.add(thing, property, value, by=self._author())
         stated = kept_property(property, thing)
         made = next(

@@ -14,7 +14,6 @@ from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
 from planner.search.goals.place_names import (
-    object_named,
     titles_by_label,
 )
 
@@ -43,21 +42,6 @@ class MapContext:
         else:
             with self.semantic_map.at(instant(when, time.time())) as then:
                 yield then
-
-    def is_thing(self, what: str) -> bool:
-        """Whether a text names one object rather than a kind or a place."""
-        return bool(object_named(self.semantic_map, what))
-
-    def iri(self, what: str) -> str:
-        """The IRI of the one thing or place that a text names, as at all doors."""
-        return self.semantic_map.resolve("iri", what)
-
-    def place(self, text: str) -> str:
-        """IRI of a place by its label, number or IRI, or by a category that one place alone has.
-
-        Raises QueryParameterError, which lists the places, for none or several.
-        """
-        return self.semantic_map.resolve("place", text)
 
     def place_titles(self) -> dict[str, str]:
         """Titles of places by their labels, as answers have them for people."""

@@ -195,8 +195,6 @@ async def _list(serving: AppState, request: Request) -> Response:
     given = query_parameters(request)
     media_type = negotiated(request, (JSON, *GRAPH_TYPES))
     iri, conflicts = given.one("iri"), given.flag("conflicts")
-    if iri is not None:
-        iri = full_iri(serving.semantic_map.base, serving.semantic_map.resolve("iri", iri))
     # a strong tag, which the If-Match of an edit can name
     state = State(serving.semantic_map.sequence, "json" if media_type == JSON else "")
     headers = {"Vary": "Accept", **state.headers}
@@ -233,7 +231,6 @@ def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
 
 async def _assert(serving: AppState, request: Request, by: str) -> Response:
     content = await read_json(request, serving.settings.limits, ("thing", "property", "value"))
-    base = serving.semantic_map.base
     named, prop = _word(content, "thing"), _property(_word(content, "property"))
     value = _value(content["value"])
 
@@ -241,7 +238,7 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
             check_preconditions(request, State(semantic_map.sequence), exists=True)
-            thing = full_iri(base, semantic_map.resolve("iri", named))
+            thing = semantic_map.assertions.full(named)
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions[kept_property(prop, thing)]
@@ -288,21 +285,7 @@ def _property(name: str) -> str:
 
 
 def _value(value: object) -> object:
-    """A text or a list of three or four numbers; Problem 400 for another value."""
-    if isinstance(value, str) and is_unicode(value):
-        return value
-    if isinstance(value, list) and len(value) in (3, 4) and all(map(_is_finite, value)):
+    """A text or a list; Problem 400 for another value."""
+    if isinstance(value, list) or (isinstance(value, str) and is_unicode(value)):
         return value
     raise Problem(400, f"'value' must be a text, or [x, y, z] in metres, got {str(value)[:100]!r}")
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def full_iri(base: str, iri: str) -> str:
-    """The IRI of ``object/17`` or of an absolute IRI; Problem 400 for an invalid one."""
-    try:
-        return NamedNode(iri if ":" in iri else base + iri).value
-    except ValueError as error:
-        raise Problem(400, f"no thing {iri[:200]!r}; write object/17 or its IRI") from error
