@@ -3,12 +3,14 @@
 import contextlib
 import io
 import json
+import shutil
 
 import pytest
 import requests
 
 from hereabouts.cli import main
 from kg.history.timestamps import moment
+from kg.model.resources import QUERIES
 from kg.serving.opening import open_map
 from tests.doors.doors import House, RefusedError, answered, command, refusals, tool
 
@@ -88,6 +90,14 @@ def _where_asked(house: House, name: str, moment: str) -> object:
     return json.loads(command(*words))[0]["object"]
 
 
+def _where_by_a_query_of_ones_own(house: House, name: str, moment: str) -> object:
+    """In a worker, since nobody knows what it asks."""
+    file = house.folder.with_name("where.rq")
+    shutil.copy(QUERIES / "whereabouts.rq", file)
+    words = ("ask", house.live, file, "-p", f"object={name}", "--at", moment, "--json")
+    return json.loads(command(*words))[0]["object"]
+
+
 def _where_of_server(house: House, name: str, moment: str) -> object:
     url = house.server.url
     words = ("ask", url, "whereabouts", "-p", f"object={name}", "--at", moment, "--json")
@@ -99,7 +109,10 @@ def _near(house: House, name: str, moment: str) -> object:
     return "object/2"
 
 
-@pytest.mark.parametrize("door", [_where_in_python, _where_asked, _where_of_server, _near])
+@pytest.mark.parametrize(
+    "door",
+    [_where_in_python, _where_asked, _where_by_a_query_of_ones_own, _where_of_server, _near],
+)
 def test_a_name_is_that_of_the_moment(house: House, renamed: int, door) -> None:  # type: ignore[no-untyped-def]
     old, new = LABELLED
     for name, other, sequence in ((old, new, renamed), (new, old, renamed + 1)):
