@@ -46,6 +46,7 @@ def assertion(arguments: argparse.Namespace) -> int:
 
     example: hereabouts assert kitchen.map object/17 category bowl --by ann
     """
+    from kg.maps.facts.assertions import kept_property
     from kg.serving.opening import open_map
     from kg.store.folder import is_url
 
@@ -56,8 +57,7 @@ def assertion(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map) as semantic_map:
         thing = semantic_map.resolve("iri", arguments.thing)
         change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
-        # a name is a category with its own label
-        stated = "category" if arguments.property == "name" else arguments.property
+        stated = kept_property(arguments.property, thing)
         (made,) = (a for a in semantic_map.assertions.all(thing) if a.property == stated)
         sequence = semantic_map.sequence
     if arguments.json:

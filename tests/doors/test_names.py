@@ -162,6 +162,9 @@ def test_a_note_is_put_on_a_place_by_its_kind(house: House) -> None:
 
 RENAMED: dict[str, Callable[[House, str, str], object]] = {
     "python": lambda house, place, name: house.map.assertions.add(place, "name", name, by="ann"),
+    "command line": lambda house, place, name: command(
+        "assert", house.live, place, "name", name, "--by", "ann"
+    ),
     "agents": lambda house, place, name: tool(
         house, "assert_fact", thing=place, property="name", value=name
     ),
