@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from hereabouts.agents.answers import MapState
 from hereabouts.agents.plain_values import LABEL, clock, escaped
-from kg.history.timestamps import instant
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
-from planner.search.goals.place_names import (
-    titles_by_label,
-)
+from planner.search.goals.place_names import titles_by_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +30,9 @@ class MapContext:
         """The state of the map; taken first, so that an answer is never older than it."""
         return state_of(self.semantic_map)
 
-    @contextmanager
-    def at(self, when: str | None) -> Iterator[SemanticMap]:
+    def at(self, when: str | None) -> AbstractContextManager[SemanticMap]:
         """The map now, or at a past moment (`instant`)."""
-        if when is None:
-            yield self.semantic_map
-        else:
-            with self.semantic_map.at(instant(when, time.time())) as then:
-                yield then
+        return nullcontext(self.semantic_map) if when is None else self.semantic_map.at(when)
 
     def place_titles(self) -> dict[str, str]:
         """Titles of places by their labels, as answers have them for people."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,17 +50,6 @@ _LOOKS_ONLY = (
     "explain",
     "picture",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """Objects to find, and the answers for words that no category includes."""
-
-    objects: list[str]
-    undetectable: list[dict[str, object]]
-
-    def write_json(self, answer: dict[str, object]) -> None:
-        write_json({**answer, "undetectable": self.undetectable})
 
 
 _OPTIONS = f"""
@@ -106,23 +94,25 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map, read_only=True) as opened:
         semantic_map = opened.in_one_frame(arguments.in_map)
-        wanted = _wanted(semantic_map, arguments)
-        if not wanted.objects:
+        objects, unseen = _wanted(semantic_map, arguments)
+        if not objects:
             if arguments.json:
                 now = now_of(semantic_map, arguments)
-                wanted.write_json(empty_answer(semantic_map, (), now))
+                write_json({**empty_answer(semantic_map, (), now), "undetectable": unseen})
             return 0
-        code = _find(semantic_map, wanted, arguments)
+        code = _find(semantic_map, objects, unseen, arguments)
         if not arguments.json:
             from planner.search.goals.known_objects import elsewhere_lines
 
-            for line in elsewhere_lines(opened, semantic_map, wanted.objects, arguments.map):
+            for line in elsewhere_lines(opened, semantic_map, objects, arguments.map):
                 write(line)
         return code
 
 
-def _wanted(semantic_map: SemanticMap, arguments: argparse.Namespace) -> _Wanted:
-    """The objects to find; words that no category includes are answered."""
+def _wanted(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> tuple[list[str], list[dict[str, object]]]:
+    """The objects to find; words that no category includes are answered, or their answers."""
     from planner.search.goals.targets import as_one, undetectable_target
 
     words = as_one(semantic_map, arguments.object)
@@ -130,15 +120,18 @@ def _wanted(semantic_map: SemanticMap, arguments: argparse.Namespace) -> _Wanted
     answers = [answer for answer in unseen.values() if answer is not None]
     for answer in answers if not arguments.json else ():
         write(f"{answer.answer}.")
-    return _Wanted(
-        [text for text in words if unseen[text] is None], [answer.to_json() for answer in answers]
-    )
+    return [text for text in words if unseen[text] is None], [one.to_json() for one in answers]
 
 
-def _find(semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namespace) -> int:
+def _find(
+    semantic_map: SemanticMap,
+    objects: list[str],
+    unseen: list[dict[str, object]],
+    arguments: argparse.Namespace,
+) -> int:
     if arguments.rule != _RULES[0]:
-        return _by_reference(semantic_map, wanted.objects, arguments)
-    found = _planned(semantic_map, wanted.objects, arguments)
+        return _by_reference(semantic_map, objects, arguments)
+    found = _planned(semantic_map, objects, arguments)
     if arguments.picture and found.state is not None and found.plan is not None:
         from hereabouts.display.plots.search_plot import plot_plan
 
@@ -147,7 +140,7 @@ def _find(semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namesp
     if found.plan is not None and found.plan.note:
         note(found.plan.note)
     if arguments.json:
-        wanted.write_json(found.to_json())
+        write_json({**found.to_json(), "undetectable": unseen})
     elif found.plan is None:
         _without_floor(found, arguments)
     else:

@@ -31,6 +31,7 @@ from kg.maps.update.implicit_assertions import (
 )
 from kg.maps.update.validation import is_place
 from kg.model import vocabulary as v
+from kg.model.areas import MAX_COORDINATE
 from kg.model.errors import InvalidFactError
 from kg.model.iris import MAX_NUMBER, observation_iri, whole_number
 from kg.rdf.literals import area_of_polygon, cell_of, now
@@ -186,7 +187,7 @@ def _coordinate(pending: ChangeDraft, subject: NamedNode, axis: str) -> float | 
         number = float(literal.value) if literal else None
     except ValueError:
         return None
-    return number if number is not None and abs(number) < 1e9 else None
+    return number if number is not None and abs(number) <= MAX_COORDINATE else None
 
 
 def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
