@@ -71,8 +71,10 @@ def plan_words(
     Raises UnknownCategoryError for a word that is neither a category nor a need.
     """
     now = time.time() if now is None else now
-    options = {"sensor": sensor, "motion": motion, "space": space}
-    state = build_search(semantic_map, words, **options, at=now, start=start and start[:2])
+    at = None if start is None else start[:2]
+    state = build_search(
+        *(semantic_map, words), sensor=sensor, motion=motion, space=space, at=now, start=at
+    )
     if state is None:
         return PlannedSearch(semantic_map, tuple(resolve(semantic_map, words)), now, None, None)
     plan = plan_from(state, start, budget=budget, worth=worth)

@@ -258,7 +258,7 @@ def test_a_complaint_names_the_line_and_not_the_query() -> None:
 
 
 class _Dribbling(BaseHTTPRequestHandler):
-    """Sends a row now and then, for ever."""
+    """Sends something now and then, for longer than anybody waits."""
 
     ended = threading.Event()
 
@@ -268,7 +268,9 @@ class _Dribbling(BaseHTTPRequestHandler):
         self.send_header("Content-Type", "application/sparql-results+json")
         self.end_headers()
         with suppress(OSError):
-            while not self.ended.wait(0.05):
+            for _ in range(200):
+                if self.ended.wait(0.05):
+                    break
                 self.wfile.write(b" " * 4096)
                 self.wfile.flush()
 
