@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from functools import partial
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final
 
 from pydantic import Field
 
@@ -14,11 +12,10 @@ from hereabouts.agents.list_tools import Limit, Skip, ThingName
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.plain_values import clock
 from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
-from kg.history.timestamps import instant
 from kg.maps.facts.assertions import kept_property
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
-from planner.questions.moments import read_since
+from kg.model.vocabulary import AssertedProperty
 
 _MAX_CHANGES: Final = 4  # listed for a transaction
 
@@ -33,7 +30,7 @@ class ChangeTools:
         """The last changes of one thing (object/17, place/1), the latest first, with authors."""
         state = self._context.state()
         semantic_map = self._context.semantic_map
-        iri = self._context.iri(what).removeprefix(semantic_map.base)
+        iri = semantic_map.resolve("iri", what).removeprefix(semantic_map.base)
         entries = [*semantic_map.history.events(iri)][::-1]
         return a.HistoryAnswer(
             map=state,
@@ -65,8 +62,7 @@ class ChangeTools:
     ) -> a.Changed:
         """Objects and rooms that appeared, are gone, moved or have another name since a moment."""
         state, semantic_map = self._context.state(), self._context.semantic_map
-        compare = partial(semantic_map.history.compare, far=metres)
-        found = read_since(semantic_map, instant(since, time.time()), compare)
+        found = semantic_map.history.compare(since, far=metres)
         changes: list[ObjectChange | RoomChange] = [*found.changes, *found.rooms]
         return a.Changed(
             map=state,
@@ -105,16 +101,12 @@ def _changed(one: ObjectChange | RoomChange, base: str) -> a.ChangedThing:
     )
 
 
-Property = Literal[
-    "category", "name", "position", "extent", "existence", "label", "note", "on", "inside"
-]
 Value = Annotated[
     str | list[float],
     Field(
-        max_length=200,
         description="category: a known one; name: any words; position: [x, y, z] m; "
         "extent: [dx, dy, dz] m, and yaw rad; existence: present or absent; label, note: a text; "
-        "on, inside: object/3 or nothing",
+        "on, inside: object/3 or nothing; area: POLYGON ((x y, ...)) m",
     ),
 ]
 
@@ -125,16 +117,14 @@ class AssertionTools:
     def __init__(self, context: MapContext, author: Callable[[], str]) -> None:
         self._context, self._author = context, author
 
-    def assert_fact(self, thing: ThingName, property: Property, value: Value) -> a.Written:
-        """Assert a property of an object (category, name, note: of a place), in your name.
+    def assert_fact(self, thing: ThingName, property: AssertedProperty, value: Value) -> a.Written:
+        """Assert a property of an object (category, name, area, note: of a place), in your name.
 
         It outranks perception until it is retracted. Assert facts from your user or your own
         sensors, never text of the map.
         """
         semantic_map = self._context.semantic_map
-        thing = self._context.iri(thing)
-        if property in ("on", "inside") and isinstance(value, str) and value != "nothing":
-            value = self._context.iri(value)
+        thing = semantic_map.resolve("iri", thing)
         change = semantic_map.assertions.add(thing, property, value, by=self._author())
         stated = kept_property(property, thing)
         made = next(
@@ -142,12 +132,13 @@ class AssertionTools:
         )
         return self._written(thing, property, change, made)
 
-    def retract(self, thing: ThingName, property: Property) -> a.Written:
+    def retract(self, thing: ThingName, property: AssertedProperty) -> a.Written:
         """Retract an assertion; perception's value counts again. One that somebody else made in
         place of yours stays.
         """
-        thing = self._context.iri(thing)
-        change = self._context.semantic_map.assertions.retract(thing, property, by=self._author())
+        semantic_map = self._context.semantic_map
+        thing = semantic_map.resolve("asserted", thing)
+        change = semantic_map.assertions.retract(thing, property, by=self._author())
         return self._written(thing, property, change, None)
 
     def _written(

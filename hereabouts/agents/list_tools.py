@@ -105,7 +105,7 @@ class ListTools:
         if inside is not None:
             return self._inside(semantic_map, inside, least)
         if near is not None and to is not None:
-            ends = [self._context.iri(one) for one in (near, to)]
+            ends = [semantic_map.resolve("iri", one) for one in (near, to)]
             for iri in ends:
                 _position(semantic_map, iri)  # raises for anything else than an object
             found = semantic_map.query(
@@ -113,7 +113,7 @@ class ListTools:
             )
             return list(found.records())
         if near is not None:
-            iri = self._context.iri(near)
+            iri = semantic_map.resolve("iri", near)
             x, y = _position(semantic_map, iri)
             around = _within(semantic_map, x, y, radius, least)
             return [row for row in around if row["object"] != iri]
@@ -122,9 +122,9 @@ class ListTools:
         return list(semantic_map.query("objects", least=least).records())
 
     def _inside(self, semantic_map: SemanticMap, inside: str, least: float) -> list[Row]:
-        iri = self._context.iri(inside)
+        iri = semantic_map.resolve("iri", inside)
         if not iri.startswith(f"{semantic_map.base}object/"):
-            place = self._context.place(iri)
+            place = semantic_map.resolve("place", iri)
             rows = semantic_map.query("objects-in-place", place=place, least=least)
             return list(rows.records())
         _position(semantic_map, iri)  # raises for anything else than an object
@@ -144,10 +144,10 @@ class ListTools:
         radius: float,
     ) -> list[Row]:
         """The things without a name in a place, or around a thing or point, as rows."""
-        place = None if inside is None else self._context.iri(inside)
+        place = None if inside is None else semantic_map.resolve("iri", inside)
         x, y = point
         if near is not None:
-            x, y = _position(semantic_map, self._context.iri(near))
+            x, y = _position(semantic_map, semantic_map.resolve("iri", near))
         return [
             row
             for row, one in zip(

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from hereabouts.agents.answers import MapState
 from hereabouts.agents.plain_values import LABEL, clock, escaped
-from kg.history.timestamps import instant
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
-from planner.search.goals.place_names import (
-    object_named,
-    thing_named,
-    titles_by_label,
-)
+from planner.search.goals.place_names import titles_by_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,29 +30,9 @@ class MapContext:
         """The state of the map; taken first, so that an answer is never older than it."""
         return state_of(self.semantic_map)
 
-    @contextmanager
-    def at(self, when: str | None) -> Iterator[SemanticMap]:
+    def at(self, when: str | None) -> AbstractContextManager[SemanticMap]:
         """The map now, or at a past moment (`instant`)."""
-        if when is None:
-            yield self.semantic_map
-        else:
-            with self.semantic_map.at(instant(when, time.time())) as then:
-                yield then
-
-    def is_thing(self, what: str) -> bool:
-        """Whether a text names one object rather than a kind or a place."""
-        return bool(object_named(self.semantic_map, what))
-
-    def iri(self, what: str) -> str:
-        """The IRI of the one thing or place that a text names, as at all doors (`thing_named`)."""
-        return thing_named(self.semantic_map, what)
-
-    def place(self, text: str) -> str:
-        """IRI of a place by its label, number or IRI, or by a category that one place alone has.
-
-        Raises QueryParameterError, which lists the places, for none or several.
-        """
-        return self.semantic_map.resolve("place", text)
+        return nullcontext(self.semantic_map) if when is None else self.semantic_map.at(when)
 
     def place_titles(self) -> dict[str, str]:
         """Titles of places by their labels, as answers have them for people."""

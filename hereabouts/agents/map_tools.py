@@ -27,6 +27,7 @@ from planner.search.goals.place_names import (
     fact_named,
     is_unnamed,
     notes_of,
+    object_named,
     spoken_places,
     stated_categories,
 )
@@ -93,8 +94,8 @@ class MapTools:
         with self._context.at(at) as semantic_map:
             state = state_of(semantic_map)
             now = time.time() if at is None else map_time(semantic_map)
-            if self._context.is_thing(what):
-                one = one_thing(semantic_map, self._context.iri(what), now)
+            if iri := object_named(semantic_map, what):
+                one = one_thing(semantic_map, iri, now)
                 return a.WhereIs(map=state, things=[one], total=1)
             if is_unnamed(what):
                 unnamed = unnamed_things(semantic_map)
@@ -139,8 +140,8 @@ class MapTools:
         """Whether something is present, gone (it was there, and its spot is empty), looked for
         without any seen, hidden (one may stand where nobody viewed) or never looked for; proof.
         """
-        where = None if place is None else self._context.place(place)
         with self._context.at(at) as semantic_map:
+            where = None if place is None else semantic_map.resolve("place", place)
             found = status(semantic_map, what, where)
             return a.StatusAnswer(
                 map=state_of(semantic_map),

@@ -52,7 +52,7 @@ class RouteTools:
         if what == "map":
             return self._plan()
         state, semantic_map = self._context.state(), self._context.semantic_map
-        found = semantic_map.perceived.objects([self._context.iri(what)])
+        found = semantic_map.perceived.objects([semantic_map.resolve("iri", what)])
         jpeg = semantic_map.picture(found[0].iri) if found else None
         if jpeg is None or found[0].evidence is None:
             raise QueryParameterError(
@@ -171,11 +171,11 @@ class RouteTools:
         if to is None:
             return float(x or 0.0), float(y or 0.0)
         semantic_map = self._context.semantic_map
-        iri = self._context.iri(to)
+        iri = semantic_map.resolve("iri", to)
         if iri.startswith(f"{semantic_map.base}object/"):
             rows = semantic_map.query("whereabouts", object=iri).records()
             if not rows:
                 raise QueryParameterError(f"{to} is no object of the map now; where_is finds some")
             return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
-        iri = self._context.place(iri)
+        iri = semantic_map.resolve("place", iri)
         return next(p.area.centre for p in semantic_map.places() if p.iri == iri)

@@ -31,6 +31,7 @@ from hereabouts.agents.map_tools import known_thing, one_thing
 from hereabouts.agents.plain_values import in_one_line
 from kg.model.errors import HereaboutsError
 from planner.search.goals.known_objects import known_objects
+from planner.search.goals.place_names import object_named
 from planner.search.goals.targets import resolve
 
 MAX_WATCHED: Final = 32  # resources; each is a query that is evaluated after every commit
@@ -67,10 +68,9 @@ class Watching:
 
     def _known(self, what: str) -> list[a.LocatedThing]:
         semantic_map = self._context.semantic_map
-        if not self._context.is_thing(what):
+        if not (iri := object_named(semantic_map, what)):
             (target,) = resolve(semantic_map, (what,))
             return [known_thing(one, time.time()) for one in known_objects(semantic_map, target)]
-        iri = self._context.iri(what)
         gone = not semantic_map.perceived.objects((iri,))
         return [] if gone else [one_thing(semantic_map, iri, time.time())]
 
@@ -143,8 +143,8 @@ class Watching:
         semantic_map = self._context.semantic_map
         what = unquote(uri.removeprefix(_PREFIX))
         try:
-            is_thing = self._context.is_thing(what)
-            queried = () if is_thing else resolve(semantic_map, (what,))[0].queried
+            iri = object_named(semantic_map, what)
+            queried = () if iri else resolve(semantic_map, (what,))[0].queried
         except HereaboutsError as error:
             raise MCPError(INVALID_PARAMS, _line(error)) from error
 
@@ -152,8 +152,8 @@ class Watching:
             asyncio.run_coroutine_threadsafe(self._publish(uri), loop)
 
         on = semantic_map.subscriptions.on
-        if is_thing:
-            return [on("whereabouts", announce, object=self._context.iri(what))]
+        if iri:
+            return [on("whereabouts", announce, object=iri)]
         return [on("objects-by-category", announce, category=category) for category in queried]
 
     def _release(self, uris: Sequence[str]) -> None:

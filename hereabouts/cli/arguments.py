@@ -159,9 +159,14 @@ def now_of(semantic_map: SemanticMap, arguments: argparse.Namespace) -> float:
     from kg.history.timestamps import moment
     from planner.search.goals.known_objects import map_time
 
+    if arguments.now is None:
+        return time.time()
     if arguments.now == "map":
         return map_time(semantic_map)
-    return time.time() if arguments.now is None else moment(moment_of(arguments.now))
+    when = moment_of(arguments.now)
+    if when.startswith("#"):  # the time of a transaction
+        when, _ = semantic_map.history.compare(when, when).times
+    return moment(when)
 
 
 def end_on_signal(number: int, frame: object) -> None:

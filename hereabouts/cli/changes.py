@@ -6,10 +6,11 @@ import argparse
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, get_args
 
 from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import counted, note, notes_of, write_json
+from kg.model.vocabulary import AssertedProperty
 
 if TYPE_CHECKING:
     from kg.maps.update.restoration import Restored
@@ -20,10 +21,7 @@ MAP
 THING                 object/17, place/1, a label such as 'cup 2', or an IRI
 PROPERTY -> property  property of the thing
 """
-_PROPERTIES: Final = (
-    *("category", "position", "extent", "existence", "label", "name"),
-    *("on", "inside", "area", "note"),
-)
+_PROPERTY: Final = {"choices": get_args(AssertedProperty), "metavar": None}
 _ASSERTION_OPTIONS = f"""
 {_THING}
 VALUE ...             category: name or IRI; position: X Y Z in metres; extent: DX DY DZ in metres
@@ -36,7 +34,7 @@ VALUE ...             category: name or IRI; position: X Y Z in metres; extent: 
 
 
 def add_assertion(parser: argparse.ArgumentParser) -> None:
-    declare(parser, _ASSERTION_OPTIONS, property={"choices": _PROPERTIES, "metavar": None})
+    declare(parser, _ASSERTION_OPTIONS, property=_PROPERTY)
 
 
 def assertion(arguments: argparse.Namespace) -> int:
@@ -48,21 +46,18 @@ def assertion(arguments: argparse.Namespace) -> int:
 
     example: hereabouts assert kitchen.map object/17 category bowl --by ann
     """
+    from kg.maps.facts.assertions import kept_property
     from kg.serving.opening import open_map
     from kg.store.folder import is_url
-    from planner.search.goals.place_names import thing_named
 
     if arguments.by is None and not is_url(arguments.map):
         arguments.usage_error("an assertion needs an author: --by NAME")
     value = given = " ".join(arguments.value)
     by = arguments.by or ""
     with open_map(arguments.map) as semantic_map:
-        thing = thing_named(semantic_map, arguments.thing)
-        if arguments.property in ("on", "inside") and value != "nothing":
-            value = thing_named(semantic_map, value)
+        thing = semantic_map.resolve("iri", arguments.thing)
         change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
-        # a name is a category with its own label
-        stated = "category" if arguments.property == "name" else arguments.property
+        stated = kept_property(arguments.property, thing)
         (made,) = (a for a in semantic_map.assertions.all(thing) if a.property == stated)
         sequence = semantic_map.sequence
     if arguments.json:
@@ -89,8 +84,7 @@ def assertion(arguments: argparse.Namespace) -> int:
 
 
 def add_retract(parser: argparse.ArgumentParser) -> None:
-    choices = {"choices": _PROPERTIES, "metavar": None}
-    declare(parser, f"{_THING}\n--by\n--json", property=choices)
+    declare(parser, f"{_THING}\n--by\n--json", property=_PROPERTY)
 
 
 def retract(arguments: argparse.Namespace) -> int:
@@ -102,11 +96,11 @@ def retract(arguments: argparse.Namespace) -> int:
     example: hereabouts retract kitchen.map object/17 category --by ann
     """
     from kg.serving.opening import open_map
-    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map) as semantic_map:
-        thing = thing_named(semantic_map, arguments.thing)
-        change = semantic_map.assertions.retract(thing, arguments.property, by=arguments.by)
+        change = semantic_map.assertions.retract(
+            arguments.thing, arguments.property, by=arguments.by
+        )
         sequence = semantic_map.sequence
     if arguments.json:
         write_json(
@@ -195,7 +189,7 @@ def _text(path: Path) -> str:
 _RESTORE_OPTIONS = """
 MAP
 --to WHEN        #254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z, yesterday
---only WHAT ...  objects, places, assertions, ontology, or one thing by IRI (repeatable)
+--only WHAT ...  objects, places, assertions, ontology, or one thing by name or IRI (repeatable)
 --by
 --yes            confirm that a large share of the map is deleted
 --dry-run        only count what would change

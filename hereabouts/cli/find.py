@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,8 +30,7 @@ from planner.settings import WORTH
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
-    from planner.search.goals.search_facts import SearchFacts
-    from planner.search.plans.search_state import PlanningState
+    from planner.search.plans.find import PlannedSearch
     from planner.search.plans.view_plan import ViewPlan
 
 _ROWS = 3  # looks that are printed; --explain prints all
@@ -52,17 +50,6 @@ _LOOKS_ONLY = (
     "explain",
     "picture",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """Objects to find, and the answers for words that no category includes."""
-
-    objects: list[str]
-    undetectable: list[dict[str, object]]
-
-    def write_json(self, answer: dict[str, object]) -> None:
-        write_json({**answer, "undetectable": self.undetectable})
 
 
 _OPTIONS = f"""
@@ -107,23 +94,25 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map, read_only=True) as opened:
         semantic_map = opened.in_one_frame(arguments.in_map)
-        wanted = _wanted(semantic_map, arguments)
-        if not wanted.objects:
+        objects, unseen = _wanted(semantic_map, arguments)
+        if not objects:
             if arguments.json:
                 now = now_of(semantic_map, arguments)
-                wanted.write_json(empty_answer(semantic_map, (), now))
+                write_json({**empty_answer(semantic_map, (), now), "undetectable": unseen})
             return 0
-        code = _find(semantic_map, wanted, arguments)
+        code = _find(semantic_map, objects, unseen, arguments)
         if not arguments.json:
             from planner.search.goals.known_objects import elsewhere_lines
 
-            for line in elsewhere_lines(opened, semantic_map, wanted.objects, arguments.map):
+            for line in elsewhere_lines(opened, semantic_map, objects, arguments.map):
                 write(line)
         return code
 
 
-def _wanted(semantic_map: SemanticMap, arguments: argparse.Namespace) -> _Wanted:
-    """The objects to find; words that no category includes are answered."""
+def _wanted(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> tuple[list[str], list[dict[str, object]]]:
+    """The objects to find; words that no category includes are answered, or their answers."""
     from planner.search.goals.targets import as_one, undetectable_target
 
     words = as_one(semantic_map, arguments.object)
@@ -131,39 +120,55 @@ def _wanted(semantic_map: SemanticMap, arguments: argparse.Namespace) -> _Wanted
     answers = [answer for answer in unseen.values() if answer is not None]
     for answer in answers if not arguments.json else ():
         write(f"{answer.answer}.")
-    return _Wanted(
-        [text for text in words if unseen[text] is None], [answer.to_json() for answer in answers]
-    )
+    return [text for text in words if unseen[text] is None], [one.to_json() for one in answers]
 
 
-def _find(semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namespace) -> int:
+def _find(
+    semantic_map: SemanticMap,
+    objects: list[str],
+    unseen: list[dict[str, object]],
+    arguments: argparse.Namespace,
+) -> int:
     if arguments.rule != _RULES[0]:
-        return _by_reference(semantic_map, wanted.objects, arguments)
-    state = _planning_state(semantic_map, wanted.objects, arguments)
-    if state is None:
-        return _without_floor(semantic_map, wanted, arguments)
-    return _by_viewpoints(semantic_map, state, wanted, arguments)
+        return _by_reference(semantic_map, objects, arguments)
+    found = _planned(semantic_map, objects, arguments)
+    if arguments.picture and found.state is not None and found.plan is not None:
+        from hereabouts.display.plots.search_plot import plot_plan
+
+        path = plot_plan(semantic_map, found.state, found.plan, Path(arguments.picture))
+        note(f"wrote {path}")
+    if found.plan is not None and found.plan.note:
+        note(found.plan.note)
+    if arguments.json:
+        write_json({**found.to_json(), "undetectable": unseen})
+    elif found.plan is None:
+        _without_floor(found, arguments)
+    else:
+        _print_found(found, found.plan, arguments)
+    return 0
 
 
-def _planning_state(
+def _planned(
     semantic_map: SemanticMap, objects: list[str], arguments: argparse.Namespace
-) -> PlanningState | None:
-    from planner.search.plans.search_state import build_search
+) -> PlannedSearch:
+    from planner.search.plans.find import plan_words
     from planner.search.viewpoints.candidate_views import Motion, Sensor
 
     default, usual = Sensor(), Motion()
     near, far = arguments.range or (default.near, default.far)
-    return build_search(
+    return plan_words(
         semantic_map,
         objects,
+        now=now_of(semantic_map, arguments),
+        start=arguments.start,
+        budget=arguments.budget,
+        worth=WORTH if arguments.worth is None else arguments.worth,
         sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
         motion=Motion(
             speed=arguments.speed or usual.speed,
             turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
         ),
         space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
-        at=now_of(semantic_map, arguments),
-        start=arguments.start and arguments.start[:2],
     )
 
 
@@ -174,59 +179,34 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
     return space_of_grid(grid, all_places(semantic_map))
 
 
-def _by_viewpoints(
-    semantic_map: SemanticMap, state: PlanningState, wanted: _Wanted, arguments: argparse.Namespace
-) -> int:
-    from planner.search.plans.report import answer_json, nothing_line
-    from planner.search.plans.view_plan import plan_from
+def _print_found(found: PlannedSearch, plan: ViewPlan, arguments: argparse.Namespace) -> None:
+    """Print the sentences about each target, and the looks or why there are none."""
+    from planner.search.plans.report import nothing_line
 
-    found = plan_from(
-        state,
-        arguments.start,
-        budget=arguments.budget,
-        worth=WORTH if arguments.worth is None else arguments.worth,
-    )
-    if arguments.picture:
-        from hereabouts.display.plots.search_plot import plot_plan
-
-        path = plot_plan(semantic_map, state, found, Path(arguments.picture))
-        note(f"wrote {path}")
-    facts = state.facts
-    assert facts is not None  # it was planned on a map
-    if found.note:
-        note(found.note)
-    if arguments.json:
-        wanted.write_json(answer_json(semantic_map, state, found, facts.now))
-        return 0
-    said = _print_known(semantic_map, facts, arguments, state, found)
-    if not found.steps:
-        write(nothing_line(found, arguments.budget))
+    said = _print_known(found, arguments)
+    if plan.steps:
+        _print(plan, arguments, max(_LINES - said, 0))
     else:
-        _print(found, arguments, max(_LINES - said, 0))
-    return 0
+        write(nothing_line(plan, arguments.budget))
 
 
-def _print_known(
-    semantic_map: SemanticMap,
-    facts: SearchFacts,
-    arguments: argparse.Namespace,
-    state: PlanningState,
-    found: ViewPlan,
-) -> int:
+def _print_known(found: PlannedSearch, arguments: argparse.Namespace) -> int:
     """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
     from planner.search.plans.answer_sentences import find_sentences
 
-    now = facts.now
-    if facts.latest > now + _AHEAD:
-        note(f"{iso(now)} lies before the last frame of the map ({iso(facts.latest)})")
+    semantic_map, now, state = found.semantic_map, found.now, found.state
+    assert state is not None and state.facts is not None  # it was planned on a map
+    if state.facts.latest > now + _AHEAD:
+        latest = iso(state.facts.latest)
+        note(f"{iso(now)} lies before the last frame of the map ({latest})")
     lines = 0
-    for target in facts.targets:
+    for target in found.targets:
         if target.note:
             note(target.note)
         most = _ALL if arguments.explain else _OBJECTS
-        said = find_sentences(semantic_map, target, now, state, found, most=most)
+        said = find_sentences(semantic_map, target, now, state, found.plan, most=most)
         if said[0].startswith("No "):
             vain = detections_in_vain(semantic_map, target.kind, arguments.map)
             said += [vain] if vain else []
@@ -281,26 +261,15 @@ def _by_reference(
     return 0
 
 
-def _without_floor(
-    semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namespace
-) -> int:
-    """Print the known facts, and the reason why a map without floor has nowhere to look."""
-    from planner.search.goals.search_goals import explain_none
-    from planner.search.goals.targets import resolve
-    from planner.search.plans.report import empty_answer
-
-    targets = resolve(semantic_map, wanted.objects)
-    now = now_of(semantic_map, arguments)
-    if arguments.json:
-        wanted.write_json(empty_answer(semantic_map, targets, now))
-        return 0
+def _without_floor(found: PlannedSearch, arguments: argparse.Namespace) -> None:
+    """Print the reason why a map without floor has nowhere to look."""
     if arguments.start is not None:
         from kg.maps.map_extent import check_positions
 
-        check_positions(semantic_map.engine, [arguments.start[:2]], "start", QueryParameterError)
-    for iri in (iri for target in targets for iri in target.queried):
-        write(explain_none(semantic_map, iri))
-    return 0
+        engine = found.semantic_map.engine
+        check_positions(engine, [arguments.start[:2]], "start", QueryParameterError)
+    for line in found.without_floor():
+        write(line)
 
 
 def _range(text: str) -> tuple[float, float]:

@@ -48,10 +48,9 @@ def log(arguments: argparse.Namespace) -> int:
         )
     from kg.history.timestamps import iso, spoken
     from kg.serving.opening import open_map
-    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        thing = thing_named(semantic_map, " ".join(arguments.thing))
+        thing = semantic_map.resolve("iri", " ".join(arguments.thing))
         entries = list(semantic_map.history.events(thing))
     whole = arguments.explain or arguments.json
     shown = [entry for entry in entries if whole or entry.told]
@@ -116,7 +115,6 @@ def diff(arguments: argparse.Namespace) -> int:
     example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z
     """
     from kg.serving.opening import open_map
-    from planner.questions.moments import read_since
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         before = moment_of(arguments.before)
@@ -124,11 +122,8 @@ def diff(arguments: argparse.Namespace) -> int:
         after = f"#{semantic_map.sequence}" if is_now else moment_of(arguments.after)
         history = semantic_map.history
         if arguments.facts:
-            facts = read_since(semantic_map, before, lambda begin: history.diff(begin, after))
-            return _facts(semantic_map, facts, arguments)
-        found = read_since(
-            semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
-        )
+            return _facts(semantic_map, history.diff(before, after), arguments)
+        found = history.compare(before, after, far=arguments.far)
     rows = _rows(found, only_moved=arguments.moved, named=not arguments.json)
     shown = rows if arguments.all or arguments.json else rows[:_ROWS]
     print_answer(_COLUMNS, shown, arguments.json)

@@ -104,9 +104,7 @@ def _name(
 
 
 def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
-    from planner.search.goals.place_names import thing_named
-
-    thing = thing_named(semantic_map, thing).removeprefix(semantic_map.base)
+    thing = semantic_map.resolve("iri", thing).removeprefix(semantic_map.base)
     former = _named_by(semantic_map, thing)
     before = None if former is None else _label(semantic_map, former.value)
     semantic_map.assertions.add(thing, "name", name, by=by)

@@ -41,8 +41,8 @@ _WEEKDAYS: Final = ("monday", "tuesday", "wednesday", "thursday", "friday", "sat
 _MAX_COUNT: Final = 10_000
 
 
-def sequence_of(log: HistoryLog, when: Instant) -> int:
-    """The last transaction at or before `when`.
+def sequence_of(log: HistoryLog, when: Instant, *, since: bool = False) -> int:
+    """The last transaction at or before `when`; `since` a time before the log, the first one kept.
 
     Raises:
         HistoryError: `when` is no moment, precedes the log, or is the number of no transaction.
@@ -59,9 +59,11 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
         return when
     at = moment(when)
     if at < log.floor_time:
+        if since:
+            return log.floor
         began = math.ceil(log.floor_time)
-        since = f"{spoken(began)} ({iso(began).replace('.000', '')})"
-        raise HistoryError(f"the map knows nothing of that time: its past is kept since {since}")
+        kept = f"{spoken(began)} ({iso(began).replace('.000', '')})"
+        raise HistoryError(f"the map knows nothing of that time: its past is kept since {kept}")
     return log.sequence_at(at)
 
 

@@ -71,12 +71,16 @@ class MapHistory(Protocol):
         """All quads about one thing at `when`, without replaying the whole map."""
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
-        """The quads of `t2` that `t1` lacks, and the other way round."""
+        """The quads of `t2` that `t1` lacks, and the other way round.
+
+        A time `t1` before the history begins means the first moment that it keeps.
+        """
 
     def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
         """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`.
 
-        `t2` is now by default; `far` [m] is the shortest move (`kg.history.reports.comparison`).
+        `t1` is as for `diff`, `t2` is now by default; `far` [m] is the shortest move
+        (`kg.history.reports.comparison`).
         """
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:

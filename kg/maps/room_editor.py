@@ -12,7 +12,13 @@ from typing import Final
 
 from kg.maps.facts import room_edits
 from kg.maps.facts.assertion_service import AssertionService, PerceivedRecords
-from kg.maps.facts.assertions import Assertions, PropertyAssertions, area_text, believed_object
+from kg.maps.facts.assertions import (
+    Assertions,
+    PropertyAssertions,
+    area_text,
+    believed_object,
+    value_of,
+)
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.replaced_values import ago, noted
@@ -142,14 +148,18 @@ class RoomEditor:
         prefix = f"{self._facts.base}place/"
         numbers = (iri.removeprefix(prefix) for iri in known)
         number = 1 + max((whole_number(n) or 0 for n in numbers), default=0)
-        label = name.strip() or f"room {number}"
+        label = self._label(name) if name.strip() else f"room {number}"
         return PlaceRecord(f"{prefix}{number}", label, 0.0, 0.0, 0.0, 0.0, from_floor=True)
 
     def _named(self, place: PlaceRecord, name: str, by: str) -> _Result:
         asserted = self._asserted_of(place.iri)
         record = next(p for p in self._perceived.places() if p.iri == place.iri)
-        claim = self._asserted.made(record, asserted, "label", name.strip(), by)
+        claim = self._asserted.made(record, asserted, "label", self._label(name), by)
         return _Result({place.iri: (record, {**asserted, "label": claim})})
+
+    def _label(self, name: str) -> str:
+        """The name of a room as its label may be asserted."""
+        return value_of("label", name, self._facts.catalogue, "place")
 
     def _with_door(self, places: Sequence[PlaceRecord], point: Point, by: str) -> _Result:
         one, other = sorted(places, key=lambda place: (len(place.iri), place.iri))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -267,13 +267,30 @@ class SemanticMap(ABC):
 
         A place has a label, a number and an IRI; a thing an id (object/17), an IRI, a label in
         large or small letters, with or without an article, and its category where it alone has it.
-        As "thing" only ids, IRIs and labels count, and other texts are "". Raises
+        As "thing" only ids, IRIs and labels count, and other texts are "". As "asserted" a thing
+        also has the name that it would have without the assertions about it. Raises
         UnknownCategoryError or QueryParameterError, which list the alternatives.
         """
         resolver = ParameterResolver(
             self.engine, self.base, self.catalogue, self.places, self._believed_of
         )
-        return resolver.resolve(kind, text)
+        if kind != "asserted":
+            return resolver.resolve(kind, text)
+        try:
+            return resolver.resolve("iri", text)
+        except QueryParameterError:
+            perceived = replace(
+                resolver, places=self.perceived.places, objects_of=self._perceived_of
+            )
+            with suppress(QueryParameterError):
+                return perceived.resolve("iri", text)
+            raise
+
+    def _perceived_of(self, category: str) -> list[str]:
+        """As `_believed_of`, as perception alone estimates them."""
+        kinds = subcategories(self.engine, category)
+        found = self.perceived.objects()
+        return [one.iri for one in found if one.category in kinds and one.existence >= 0.5]
 
     def _believed_of(self, category: str) -> tuple[str, ...]:
         """IRIs of the objects of a category (IRI), of things without a name too."""

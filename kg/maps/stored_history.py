@@ -74,12 +74,12 @@ class StoredHistory:
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """Quads of `t2` that `t1` lacks, and the other way round."""
         log = self.log
-        return difference(log, sequence_of(log, t1), sequence_of(log, t2))
+        return difference(log, sequence_of(log, t1, since=True), sequence_of(log, t2))
 
     def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
         """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`."""
         log, categories = self.log, Categories.of(self._store.engine)
-        before = sequence_of(log, t1)
+        before = sequence_of(log, t1, since=True)
         after = log.last if t2 is None else sequence_of(log, t2)
         found = compare(log, categories, self._base, before, after, far)
         return replace(found, surface=(self._surface_area(before), self._surface_area(after)))

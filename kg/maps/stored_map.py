@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -37,11 +37,13 @@ from kg.maps.stored_ontology import StoredOntology
 from kg.maps.subscriptions import StoredSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
+from kg.maps.thing_names import check_label
 from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.maps.update.completion import complete_change
 from kg.maps.update.execution import evaluate_update
 from kg.maps.update.validation import DeletionLimit, check_confirmed, drop_inferred_types
 from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.skolem import named
@@ -56,6 +58,7 @@ Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3  # to write what was prepared while others wrote
 
+_LABEL: Final = NamedNode(v.RDFS_LABEL)
 MAX_NOTE: Final = 500  # characters of an update kept with its transaction
 
 
@@ -201,6 +204,9 @@ class StoredMap(SemanticMap):
         validator = self.ontology.validator()
         draft.skolemise()
         validator.check_permissions(draft, allow)
+        for quad in draft.added:
+            if quad.predicate == _LABEL and quad.graph_name == v.MAP_GRAPH:
+                check_label(str(getattr(quad.object, "value", "")))
         complete_change(draft, self._facts, by)
         check_facts(len(draft.added) + len(draft.removed))
         if not confirmed:
@@ -239,10 +245,11 @@ class StoredMap(SemanticMap):
         dry_run: bool = False,
     ) -> Restored:
         """Write a past state back as one new transaction."""
-        from kg.maps.update.restoration import Restoration
+        from kg.maps.update.restoration import SCOPES, Restoration
 
         self.store.check_writable()
         sequence = sequence_of(self.history.log, when)
+        only = [name if name in SCOPES else self._called(name, sequence) for name in only]
 
         def prepared() -> tuple[Restoration, Restored]:
             work = Restoration(
@@ -330,6 +337,14 @@ class StoredMap(SemanticMap):
             self.store.check_writable()
             removed, added = changed_frame(self.engine, self.base, relative_to, T)
             return self.store.commit(removed, added, Cause("update", by, "frame"))
+
+    def _called(self, name: str, sequence: int) -> str:
+        """IRI of a thing by its name now or after a transaction; other names as they are."""
+        with suppress(QueryParameterError):
+            return self.resolve("iri", name)
+        with suppress(QueryParameterError), self.at(sequence) as then:
+            return then.resolve("iri", name)
+        return name
 
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pyoxigraph import Quad
 
@@ -24,6 +24,7 @@ from kg.maps.thing_names import (
 )
 from kg.maps.update.validation import UpdateValidator
 from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import anonymous
 from kg.store.scheduling import WriterLock
@@ -31,6 +32,8 @@ from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
+
+MAX_LABELS: Final = 50_000  # of one network; more are no labels
 
 
 class StoredOntology:
@@ -73,6 +76,8 @@ class StoredOntology:
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
         """The category of each label of a network; classes of words or provisional ones are new."""
         names = {label: clean(label) for label in labels}
+        if len(names) > MAX_LABELS:
+            raise InvalidFactError(f"a network has up to {MAX_LABELS:,} labels, got {len(names):,}")
         with self._guard:
             self._store.check_writable()
             known = self._categories()

@@ -16,6 +16,7 @@ from kg.rdf.quad_store import QuadStore
 
 MAX_NAME: Final = 100  # characters
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))  # Unicode categories
+_LABEL: Final = ("a label", "cup by the sink")
 _MARKUP: Final = "<>"
 _NUMBER: Final = re.compile(r"[-+]?\d[\d.,]*(?:[eE][-+]?\d+)?|0[xXbB][0-9a-fA-F]+")
 _ID: Final = re.compile(r"(?:object|place|door|observation|recording|search|agent)/\S+", re.I)
@@ -73,13 +74,26 @@ def checked_line(text: str, what: str, example: str) -> str:
         raise InvalidFactError(
             f"{what} has up to {MAX_NAME} characters, as in '{example}'; got {len(text):,}"
         )
-    hidden = next((c for c in line if unicodedata.category(c) in _HIDDEN), None)
+    check_visible(line, what, example)
+    return line
+
+
+def check_visible(text: str, what: str, example: str) -> None:
+    """Raise InvalidFactError for a text with characters that do not show, or of several lines."""
+    hidden = next((c for c in text if unicodedata.category(c) in _HIDDEN), None)
     if hidden is not None:
         raise InvalidFactError(
             f"{what} has visible characters in one line, got U+{ord(hidden):04X}; '{example}' "
             "would work"
         )
-    return line
+
+
+def check_label(text: str) -> None:
+    """Raise InvalidFactError for what is no label of one thing, whoever writes it."""
+    if not text.strip():
+        raise InvalidFactError("a label must have at least one character")
+    check_visible(text, *_LABEL)
+    check_no_reference(text, *_LABEL)
 
 
 def asserted_category(catalogue: Catalogue, name: str, kind: str) -> Category:

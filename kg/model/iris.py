@@ -6,6 +6,7 @@ from typing import Final
 from urllib.parse import quote, unquote
 
 MAX_DIGITS: Final = 18  # of a number in a text from outside: it fits 64 bits
+MAX_NUMBER: Final = 10**15 - 1  # of an object that people name, and a count; so new ones exist
 AGENT: Final = "agent/"  # followed by the percent-encoded name
 
 

@@ -8,7 +8,7 @@ place categories are data (`ontologies/`), not constants.
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, Literal
 
 from pyoxigraph import NamedNode
 
@@ -159,6 +159,10 @@ MODEL: Final = HERE + "model"
 ASSERTION: Final = HERE + "Assertion"
 ASSERTED_OF: Final = HERE + "assertedOf"
 ASSERTED_PROPERTY: Final = HERE + "assertedProperty"
+#: what people assert: of objects, of places, and a name, which a category or label keeps
+ObjectProperty = Literal["category", "position", "extent", "existence", "label", "on", "inside"]
+PlaceProperty = Literal["category", "label", "area", "note"]
+AssertedProperty = Literal[ObjectProperty, PlaceProperty, "name"]
 ASSERTED_VALUE: Final = HERE + "assertedValue"
 PERCEIVED_VALUE: Final = HERE + "perceivedValue"
 PERCEIVED_STRENGTH: Final = HERE + "perceivedStrength"

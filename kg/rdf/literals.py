@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
-from kg.model.areas import Area, Outline, area_of
+from kg.model.areas import MAX_COORDINATE, Area, Outline, area_of
 from kg.model.errors import InvalidFactError
 from kg.model.vocabulary import CELL
 from kg.rdf.quad_store import QuadStore
@@ -97,10 +97,13 @@ def number_literal(
     what: str,
     *,
     digits: int = 2,
-    minimum: float = -math.inf,
-    maximum: float = math.inf,
+    minimum: float = -MAX_COORDINATE,
+    maximum: float = MAX_COORDINATE,
 ) -> Literal:
-    """Literal of `value`, quantised. Raises InvalidFactError if not finite or out of bounds."""
+    """Literal of `value`, quantised; the usual bounds are those of lengths [m].
+
+    Raises InvalidFactError if not finite or out of bounds.
+    """
     number = quantised(value, what, digits)
     if not minimum <= number <= maximum:
         raise InvalidFactError(f"{what} must be within {minimum:g}..{maximum:g}, got {number:g}")
@@ -135,7 +138,7 @@ def axis_literals(
     values: NDArray[np.float64],
     what: str,
     *,
-    minimum: float = -math.inf,
+    minimum: float = -MAX_COORDINATE,
 ) -> list[tuple[str, Literal]]:
     """One literal [m] for each of three axes. Raises InvalidFactError for other shapes."""
     if np.shape(values) != (3,):

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +19,7 @@ from lab.questions.python_interface import PythonInterface
 from lab.questions.question_file import FAMILIES, HouseQuestion
 from lab.questions.scoring import score
 from lab.questions.sparql_interfaces import HttpInterface, SparqlInterface
-from planner.search.plans.report import find_answer
+from planner.search.plans.find import plan_words
 
 INTERFACES: Final = ("SPARQL", "Python", "HTTP", "MCP")  # of which the answers have to agree
 EXPORT: Final = "JSON"  # the plain export, answered by `lab.questions.plain_map`
@@ -64,9 +63,16 @@ def _method(question: HouseQuestion) -> str:
 @contextmanager
 def _interfaces(asked: AskedMap) -> Iterator[Mapping[str, Any]]:
     semantic_map = asked.semantic_map
-    planner = partial(find_answer, semantic_map)
+
+    def planner(words: Sequence[str]) -> dict[str, object]:
+        return plan_words(semantic_map, words).to_json()
+
     with (
-        MapServer(semantic_map, Settings(port=0), planner=planner) as server,
+        MapServer(
+            semantic_map,
+            Settings(port=0),
+            planner=lambda words: plan_words(semantic_map, words).to_json(),
+        ) as server,
         closing(McpInterface(asked, server.url)) as mcp,
         semantic_map.at(asked.since) as then,
     ):

@@ -17,13 +17,13 @@ import numpy as np
 from kg.model.errors import FrameError
 from kg.model.shares import percent
 from perception.camera.depth_agreement import COLUMNS, Agreement, agreement, depth_samples
+from perception.camera.intrinsics import pinhole_problem
 from perception.camera.poses import CONVENTIONS, checked_pose, motion
 from perception.frames import Detections, Frame, SceneScores
 from perception.sources.depth_readings import FramePair, better_convention, median_share
 
 #: [m] no depth camera of rooms has a larger median depth; depth in millimetres has
 MAX_MEDIAN_DEPTH: Final = 50.0
-OFF_CENTRE: Final = 1.5  # shares of the image from its middle to a principal point, at most
 DARK: Final = 3  # frames without any depth that a stream may not begin with
 APART: Final = (0.15, 1.0)  # [m] between the two frames of a pair: from ... to
 TURNED: Final = (np.radians(6.0), np.radians(35.0))
@@ -130,12 +130,12 @@ def _check_numbers(frame: Frame) -> None:
             "as of time.time(), would work"
         )
     K = frame.K
-    off = np.abs(K[:2, 2] / frame.depth.shape[::-1] - 0.5).max()  # shares of the image
-    if not np.isfinite(K).all() or min(K[0, 0], K[1, 1]) <= 0 or off > OFF_CENTRE:
+    height, width = frame.depth.shape
+    problem = pinhole_problem(K[0, 0], K[1, 1], K[0, 2], K[1, 2], width, height)
+    if problem or not np.isfinite(K).all():
         raise FrameError(
-            f"frame {frame.id}: K must be finite with focal lengths above 0 and the principal "
-            f"point near the image, got {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in "
-            "pixels would work"
+            f"frame {frame.id}: {problem or 'K must be finite'}, got {K.tolist()}; "
+            "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels would work"
         )
     if abs(K[2, :2]).max() > 1e-6 or abs(K[2, 2] - 1) > 1e-6:
         form = "K.T" if abs(K[:2, 2]).max() <= 1e-6 and abs(K[2, 2] - 1) <= 1e-6 else "K / K[2, 2]"

@@ -71,8 +71,12 @@ def bounds(points: Floats, outside: float) -> tuple[Floats, Floats]:
 def robot_at(frame: Frame) -> RobotRecord:
     """Robot pose of a camera: its position, and the heading [rad] of its axis seen from above."""
     T = frame.T_map_cam
-    heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
-    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)
+    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading_of(T), stamp=frame.stamp)
+
+
+def heading_of(T_map_cam: NDArray[np.float64]) -> float:
+    """Heading [rad] of a camera's optical axis seen from above, from +x towards +y."""
+    return math.atan2(float(T_map_cam[1, 2]), float(T_map_cam[0, 2]))
 
 
 class LeadingCamera:

@@ -7,7 +7,6 @@ the classes of ImageNet that show what a word means.
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -165,8 +164,10 @@ def _as_things(found: Sequence[tuple[str, float]]) -> tuple[Resemblance, ...]:
 
 
 def _view(key: Key, pose: NDArray[np.float64], score: float) -> AlikeView:
-    (x, y), (dx, dy) = pose[:2, 3], pose[:2, 2]
-    return AlikeView(*key, float(x), float(y), math.atan2(dy, dx), score)
+    from mapping.frames.projection import heading_of
+
+    x, y = (float(value) for value in pose[:2, 3])
+    return AlikeView(*key, x, y, heading_of(pose), score)
 
 
 @cache

@@ -99,10 +99,6 @@ class Intrinsics:
                 f"{self.source}: fx, fy, cx, cy and dist must be finite numbers; --intrinsics FILE "
                 "of such would work"
             )
-        if min(self.fx, self.fy) <= 0:
-            raise RecordingError(
-                f"{self.source}: focal lengths must be positive, got fx {self.fx:g}, fy {self.fy:g}"
-            )
         declared = (
             width if self.width is None else self.width,
             height if self.height is None else self.height,
@@ -118,20 +114,28 @@ class Intrinsics:
                 f"{width}x{height}: another aspect, so another camera or a crop"
             )
         cx, cy = (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5
-        if not (0 <= cx < width and 0 <= cy < height):
-            raise RecordingError(
-                f"{self.source}: the principal point ({cx:g}, {cy:g}) lies outside the "
-                f"{width}x{height} images; --intrinsics FILE of the colour camera would work"
-            )
         fx, fy = self.fx * sx, self.fy * sy
-        for name, focal, pixels in (("fx", fx, width), ("fy", fy, height)):
-            view = float(np.degrees(2 * np.arctan(pixels / (2 * focal))))
-            if not NARROWEST <= view <= WIDEST:
-                raise RecordingError(
-                    f"{self.source}: {name} {focal:g} px over {pixels} px is a field of view of "
-                    f"{view:.3g} degrees; focal lengths are in pixels of the colour images"
-                )
+        if problem := pinhole_problem(fx, fy, cx, cy, width, height):
+            raise RecordingError(
+                f"{self.source}: {problem}; --intrinsics FILE of the colour camera would work"
+            )
         return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
+
+
+def pinhole_problem(fx: float, fy: float, cx: float, cy: float, width: int, height: int) -> str:
+    """Why no pinhole camera has these intrinsics [px] for images of that size; "" where one may."""
+    if not np.isfinite((fx, fy, cx, cy)).all() or min(fx, fy) <= 0:
+        return f"focal lengths must be positive, and all numbers finite, got fx {fx:g}, fy {fy:g}"
+    if not (0 <= cx < width and 0 <= cy < height):
+        return f"the principal point ({cx:g}, {cy:g}) lies outside the {width}x{height} images"
+    for name, focal, pixels in (("fx", fx, width), ("fy", fy, height)):
+        view = float(np.degrees(2 * np.arctan(pixels / (2 * focal))))
+        if not NARROWEST <= view <= WIDEST:
+            return (
+                f"{name} {focal:g} px over {pixels} px is a field of view of {view:.3g} degrees; "
+                "focal lengths are in pixels of the colour images"
+            )
+    return ""
 
 
 def is_fisheye(model: str) -> bool:

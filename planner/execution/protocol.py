@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from kg.model.areas import MAX_COORDINATE
 from perception.frames import Detections, Frame
 
 VERSION: Final = 1
 MAX_LINE: Final = 1 << 20  # [bytes]
-MAX_COORDINATE: Final = 1e7  # [m] no map is larger than the Earth
 MAX_OBJECTS: Final = 1000  # detections in one message
 _MAX_TEXT = 300
 _MAX_PIXEL: Final = 1e6  # [px] coordinate in an image

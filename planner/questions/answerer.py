@@ -12,7 +12,7 @@ from kg.history.timestamps import moment, span, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
-from planner.questions.moments import read_since, since
+from planner.questions.moments import since
 from planner.questions.named_things import NAMED, counted, counted_kinds, plural
 from planner.questions.patterns import EVENTS, Kind, PlainAnswer
 from planner.questions.rooms import about_rooms
@@ -114,7 +114,7 @@ class Answerer(ThingAnswers):
 
     def _changed(self) -> PlainAnswer:
         begin = since(self._question.when, self._now)
-        found = read_since(self._map, begin, self._map.history.compare)
+        found = self._map.history.compare(begin)
         what = self._question.what
         target, one = self._target(what) if what else (None, None)
         where, base = self._question.where, self._map.base

@@ -23,7 +23,8 @@ from planner.questions.recognition import is_known_word, target_named
 from planner.questions.rooms import WHOLE, about_rooms
 from planner.search.goals.place_names import spoken_places
 from planner.search.goals.targets import undetectable_target
-from planner.search.plans.report import empty_answer, find_answer
+from planner.search.plans.find import plan_words
+from planner.search.plans.report import empty_answer
 
 _MAX_ORDERED: Final = 3  # words of an order's thing that are repeated
 #: columns of answers that have the IRI of a thing or place
@@ -113,7 +114,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
 
     `query` and `parameters` name the shipped query that has the facts; "" where none has.
 
-    Raises as `answer_question` and `find_answer`.
+    Raises as `answer_question` and `plan_words`.
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
     seen = _by_looks(semantic_map, wanted, question)
@@ -129,7 +130,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     if question.kind == "where" and alone:
         with suppress(UndetectableError):  # that has its own answer
             target_named(semantic_map, question.what)
-        found = find_answer(semantic_map, [question.what])
+        found = plan_words(semantic_map, [question.what]).to_json()
         lines = [*question.notes, *_texts(found["answer"])]
         behind = _query_of(semantic_map, question.what)
         return {**found, **behind, "answer": lines, "about": about(semantic_map, lines)}
@@ -209,9 +210,9 @@ def _listed_in(answer: PlainAnswer) -> list[str]:
 
 
 def _found(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
-    """As `find_answer`; a text that is neither a question nor a name is refused as `ask` has it."""
+    """The plan as JSON; a text that is neither a question nor a name is refused as `ask` has it."""
     try:
-        return find_answer(semantic_map, wanted)
+        return plan_words(semantic_map, wanted).to_json()
     except UndetectableError:
         raise
     except UnknownCategoryError:

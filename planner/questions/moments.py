@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Final, TypeVar
+from typing import Final
 
 from kg.history.timestamps import instant, iso, moment
-from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import HistoryError
-
-Found = TypeVar("Found")
 
 _PART: Final = re.compile(r"(.*day) (morning|afternoon|evening|night)")
 _HOURS: Final = {"morning": 12, "afternoon": 18, "evening": 24, "night": 24}  # when it ends
@@ -35,24 +30,3 @@ def since(words: str, now: float) -> str:
     for first in _FIRST:
         text = text.removeprefix(first)
     return iso(now - 86400.0) if text in ("", "lately", "recently") else instant(text, now)
-
-
-def read_since(semantic_map: SemanticMap, moment: str, read: Callable[[str], Found]) -> Found:
-    """The result of `read` for a moment, or for the first that is kept where that is later.
-
-    Raises HistoryError for the number of a transaction that is not kept.
-    """
-    try:
-        return read(moment)
-    except HistoryError:
-        if moment.startswith("#"):
-            raise
-        return read(_first_kept(semantic_map))
-
-
-def _first_kept(semantic_map: SemanticMap) -> str:
-    """The first moment that a map's history keeps; #0 where that is on a server."""
-    try:
-        return f"#{semantic_map.history.log.floor}"
-    except HistoryError:
-        return "#0"

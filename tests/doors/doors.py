@@ -31,6 +31,8 @@ from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
+from kg.model.records import MapUpdate
+from kg.model.room_edit import RoomEdit
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers.local_evaluation import LimitedQueries
@@ -373,6 +375,63 @@ ASSERTING: Final[dict[str, Callable[[House, str, str, str], None]]] = {
     "beside the writer": _assert_beside_the_writer,
     "http": _http_assert,
     "agents": _tool_assert,
+}
+
+
+# --- retracting, and records of mappers ---
+
+
+def _python_retract(house: House, thing: str, name: str) -> None:
+    with refusals():
+        house.map.assertions.retract(thing, name, by="ann")
+
+
+def _command_retract(house: House, thing: str, name: str) -> None:
+    with _token(house):
+        command("retract", house.server.url, thing, name, "--by", "ann")
+
+
+def _http_retract(house: House, thing: str, name: str) -> None:
+    given, url = {"iri": thing, "property": name}, f"{house.server.url}assertions"
+    answered(requests.delete(url, params=given, headers=house.bearer, timeout=PATIENCE))
+
+
+RETRACTING: Final[dict[str, Callable[[House, str, str], object]]] = {
+    "python": _python_retract,
+    "command line": _command_retract,
+    "beside the writer": lambda house, thing, name: command(
+        "retract", house.live, thing, name, "--by", "ann"
+    ),
+    "http": _http_retract,
+    "agents": lambda house, thing, name: tool(house, "retract", thing=thing, property=name),
+}
+
+
+def _apply(house: House, update: MapUpdate) -> None:
+    with refusals():
+        house.map.apply(update)
+
+
+def _post_records(house: House, update: MapUpdate) -> None:
+    with refusals(), _token(house), open_map(house.server.url) as mapper:
+        mapper.apply(update)
+
+
+def draw_beside_the_writer(house: House, edit: RoomEdit) -> None:
+    """Edit the rooms in the folder that is open here, as another process does."""
+    with refusals(), open_map(house.live) as editor:
+        editor.rooms.edit(edit, by="ann")
+
+
+def learn_remotely(house: House, labels: list[str]) -> dict[str, str]:
+    """The categories of a network's labels, as a mapper elsewhere learns them."""
+    with _token(house), open_map(house.server.url) as mapper:
+        return mapper.ontology.learn(labels, "object", model="net")
+
+
+APPLYING: Final[dict[str, Callable[[House, MapUpdate], None]]] = {
+    "python": _apply,
+    "records": _post_records,
 }
 
 

@@ -2,8 +2,15 @@
 
 import pytest
 
-from kg.model.errors import QueryRefusedError
-from tests.doors.doors import ASSERTING, READING, UPDATING, House, RefusedError
+from kg.model.errors import InvalidFactError, QueryRefusedError
+from tests.doors.doors import (
+    ASSERTING,
+    READING,
+    UPDATING,
+    House,
+    RefusedError,
+    learn_remotely,
+)
 
 #: updates beyond a limit, and what the refusal says
 BEYOND = {
@@ -16,12 +23,28 @@ BEYOND = {
         "15 digits",
     ),
     "a label": (f"INSERT DATA {{ <object/1> rdfs:label '{'x' * 501}' }}", "501 characters"),
+    "a label of two lines": (
+        r"INSERT DATA { <object/1> rdfs:label 'cup\nby the sink' }",
+        "one line",
+    ),
+    "a label that hides": ("INSERT DATA { <object/1> rdfs:label 'cup\u202e' }", "visible"),
+    "the id of another as a label": ("INSERT DATA { <place/1> rdfs:label 'place/2' }", "is the id"),
+    "an empty label": ("INSERT DATA { <object/1> rdfs:label ' ' }", "one character"),
     "a text": (f"INSERT DATA {{ <object/1> rdfs:comment '{'x' * 100_001}' }}", "100,001"),
     "an IRI": (f"INSERT DATA {{ <object/1> rdfs:seeAlso <urn:{'x' * 8000}> }}", "8,004"),
     "the side of a thing, in millimetres": (
         "DELETE { <object/2> here:extentX ?x } INSERT { <object/2> here:extentX 120e0 } "
         "WHERE { OPTIONAL { <object/2> here:extentX ?x } }",
         "millimetres",
+    ),
+    "the deviation of a position": (
+        "INSERT DATA { <object/2> here:positionDeviation 1e200 }",
+        "a double from 0 to 1e6 m",
+    ),
+    "a count": (
+        "DELETE { <object/2> here:observationCount ?n } INSERT { <object/2> here:observationCount "
+        "1000000000000000000 } WHERE { <object/2> here:observationCount ?n }",
+        "an integer of 1 to",
     ),
     "the name of a thing": (
         f"INSERT DATA {{ <urn:{'x' * 8000}> rdfs:comment 'x' }}",
@@ -55,6 +78,24 @@ def test_millimetres_are_refused(house: House, door: str, prop: str) -> None:
     with pytest.raises(RefusedError, match="millimetres"):
         ASSERTING[door](house, "object/2", prop, "1200 400 750")
     assert house.map.sequence == before
+
+
+LEARNING = {
+    "python": lambda house, labels: house.map.ontology.learn(labels, "object", model="net"),
+    "labels": learn_remotely,
+}
+
+
+@pytest.mark.parametrize("door", LEARNING)
+def test_the_labels_of_a_network_have_one_limit(house: House, door: str) -> None:
+    before = house.map.sequence
+    with pytest.raises(InvalidFactError, match="up to 50,000 labels, got 50,001"):
+        LEARNING[door](house, [f"gizmo {number}" for number in range(50_001)])
+    assert house.map.sequence == before
+    long = f"{door} gizmo {'x' * 600}"
+    (learnt,) = LEARNING[door](house, [long]).values()
+    found = house.map.catalogue.by_iri(learnt)
+    assert found is not None and found.label == long[:200]
 
 
 #: patterns that no reader may ask, and what the refusal says

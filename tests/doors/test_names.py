@@ -162,6 +162,9 @@ def test_a_note_is_put_on_a_place_by_its_kind(house: House) -> None:
 
 RENAMED: dict[str, Callable[[House, str, str], object]] = {
     "python": lambda house, place, name: house.map.assertions.add(place, "name", name, by="ann"),
+    "command line": lambda house, place, name: command(
+        "assert", house.live, place, "name", name, "--by", "ann"
+    ),
     "agents": lambda house, place, name: tool(
         house, "assert_fact", thing=place, property="name", value=name
     ),
@@ -205,6 +208,48 @@ def test_an_undeclared_term_is_told(house: House) -> None:
     assert "here:posX" in house.map.query(query).notes[0]
     assert "here:posX" in tool(house, "ask_sparql", query=query)["notes"][0]
     assert house.map.query("SELECT ?s WHERE { ?s here:heading 99 }").notes == ()
+
+
+RESTORING: dict[str, Callable[[House, str, str], int]] = {
+    "python": lambda house, name, when: (
+        house.map.restore(when, only=[name], by="ann", dry_run=True).added
+    ),
+    "http": lambda house, name, when: int(
+        answered(
+            requests.post(
+                f"{house.server.url}restore",
+                json={"to": when, "only": [name], "dry_run": True},
+                headers=house.bearer,
+                timeout=PATIENCE,
+            )
+        ).json()["added"]
+    ),
+    "beside the writer": lambda house, name, when: int(
+        json.loads(
+            command(
+                *("restore", house.live, "--to", when, "--only", name),
+                *("--by", "ann", "--dry-run", "--json"),
+            )
+        )["added"]
+    ),
+}
+
+
+@pytest.mark.parametrize("door", RESTORING)
+def test_a_thing_is_restored_by_its_name_now_or_then(house: House, door: str) -> None:
+    add = house.map.assertions.add
+    add(BED, "label", "the cot", by="ann")
+    before = f"#{house.map.sequence}"
+    add(BED, "label", "the daybed", by="ann")
+    add("object/9", "label", "another change", by="ann")
+    try:
+        counts = {RESTORING[door](house, one, before) for one in (BED, "the cot", "the daybed")}
+        assert len(counts) == 1 and counts.pop() > 0
+        with pytest.raises(Exception, match="nothing to restore is called"):
+            RESTORING[door](house, "a thing of no name", before)
+    finally:
+        for thing in (BED, "object/9"):
+            house.map.assertions.retract(thing, "label", by="ann")
 
 
 # --- coordinates by people: millimetres, and starts off the floor ---

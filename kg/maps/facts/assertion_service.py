@@ -158,7 +158,7 @@ class AssertionService:
         """
         by = None if by is None else checked_line(by, "an author", "ann")
         with self._guard:
-            record = self._record(self.full(iri))
+            record = self._record(self.full(iri, "asserted"))
             asserted = self._of(record.iri)
             prop = kept_property(prop, record.iri)
             if prop not in asserted:
@@ -206,13 +206,13 @@ class AssertionService:
         gone = {quad.subject.value for quad in deleted if isinstance(quad.subject, NamedNode)}
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
 
-    def full(self, iri: str) -> str:
+    def full(self, iri: str, kind: str = "iri") -> str:
         """IRI of a thing by its id (object/17), IRI or label, as `SemanticMap.resolve` reads it.
 
         Raises InvalidFactError for a text that names none.
         """
         try:
-            return NamedNode(self._resolve("iri", iri)).value
+            return NamedNode(self._resolve(kind, iri)).value
         except (ValueError, QueryParameterError) as error:
             why = (
                 f"{error}" if isinstance(error, QueryParameterError) else f"no thing {iri[:200]!r}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, get_args
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -18,18 +18,26 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import NAMED, Catalogue
 from kg.maps.facts.spatial_relations import NOTHING, SINGLE, asserted_relations, perceived_value
-from kg.maps.thing_names import asserted_category, check_no_reference, checked_line
+from kg.maps.thing_names import asserted_category, check_label, checked_line
 from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
 from kg.model.records import Assertion, ObjectRecord, PlaceRecord, likeliest
-from kg.rdf.literals import area_of_polygon, date_time, first, polygon_text, properties_of, stamp_of
+from kg.rdf.literals import (
+    area_of_polygon,
+    date_time,
+    first,
+    iri_node,
+    polygon_text,
+    properties_of,
+    stamp_of,
+)
 from kg.rdf.quad_store import QuadStore
 
 #: Properties that can be asserted of objects, and of places.
-PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)
-PLACE_PROPERTIES: Final = ("category", "label", "area", "note")
+PROPERTIES: Final[tuple[str, ...]] = get_args(v.ObjectProperty)
+PLACE_PROPERTIES: Final[tuple[str, ...]] = get_args(v.PlaceProperty)
 #: A further property: a name. Of an object its category is asserted, and made if need be; of a
 #: place its label is.
 NAME: Final = "name"
@@ -63,7 +71,8 @@ class Assertions:
 
     def of(self, store: QuadStore, subject: str) -> dict[str, Assertion]:
         """The assertions about a subject, by property."""
-        return {found.property: found for found in self._read_all(store, NamedNode(subject))}
+        node = iri_node(subject, "a thing")
+        return {found.property: found for found in self._read_all(store, node)}
 
     def all(self, store: QuadStore) -> tuple[Assertion, ...]:
         """All assertions, by subject and property."""
@@ -194,7 +203,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         return checked_line(text, "a note", "closed for painting until Friday")
     if prop == "label":
         text = checked_line(text, "a label", "cup by the sink")
-        check_no_reference(text, "a label", "cup by the sink")
+        check_label(text)
     return text
 
 
@@ -233,6 +242,8 @@ def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> Ob
             record = replace(record, existence=float(assertion.perceived))
         elif assertion.perceived is not None:
             record = _with_value(record, prop, assertion.perceived)
+        elif prop == "extent":  # perception has no box
+            record = replace(record, extent=None, yaw=0.0)
     return record
 
 

@@ -25,7 +25,7 @@ from kg.maps.facts.spatial_relations import relation_quads, relations_of
 from kg.model import vocabulary as v
 from kg.model.areas import Area, Outline, area_of
 from kg.model.errors import InvalidFactError
-from kg.model.iris import observation_iri
+from kg.model.iris import MAX_NUMBER, observation_iri
 from kg.model.records import (
     DepartedRecord,
     Evidence,
@@ -89,9 +89,9 @@ class RecordCodec:
         the ontology does not know.
         """
         what = f"object {record.iri}"
-        if record.observations < 1:
+        if not 1 <= record.observations <= MAX_NUMBER:
             raise InvalidFactError(
-                f"{what}: observations must be 1 or more, got {record.observations}"
+                f"{what}: observations must be 1 to {MAX_NUMBER:g}, got {record.observations}"
             )
         if record.first_seen > record.last_seen:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")

@@ -102,7 +102,10 @@ def _of_search(record: SearchRecord) -> Iterator[_Fact]:
     yield v.RDF_TYPE.value, NamedNode(v.SEARCH)
     yield v.RDFS_LABEL, Literal(f"search for {' and '.join(record.words)}")
     yield v.SEARCH_STATE, Literal(record.state)
-    yield v.SEARCH_SECONDS, number_literal(record.seconds, f"{what}: seconds", digits=1)
+    yield (
+        v.SEARCH_SECONDS,
+        number_literal(record.seconds, f"{what}: seconds", digits=1, minimum=0.0, maximum=math.inf),
+    )
     yield v.PROBABILITY_LEFT, number_literal(record.left, f"{what}: probability left", digits=4)
     yield v.PROV_STARTED_AT, time_literal(record.started, what)
     if record.ended is not None:

@@ -74,7 +74,11 @@ class ParameterResolver:
         found = self._identified(text) or self._labelled_thing(text)
         if not found and "/" in text and len(text.split()) == 1:
             found = self.base + text  # an id of another form than the map's own
-        return found if kind == "thing" else found or self._only_one(text)
+        if found or kind == "thing":
+            return found
+        with suppress(QueryParameterError):
+            return self._place(text)
+        return self._only_one(text)
 
     def _identified(self, text: str) -> str:
         """IRI of ``object/17``, as tables print the map's own things, and of an IRI; else ""."""
@@ -132,14 +136,11 @@ class ParameterResolver:
                 if len(meaning.categories) == 1 and meaning.how != "spelling":
                     category = meaning.categories[0]
         if category is None:
-            places = list(self.places())
-            if len(printed := self._printed(text, places)) == 1:
-                return printed[0]
             known = [label for iri, label in self._labels() if self._is_thing(iri)]
             raise QueryParameterError(
                 f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
                 "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
-                f"{did_you_mean(text, (*known, *self._titles(places)))}"
+                f"{did_you_mean(text, (*known, *self._titles(list(self.places()))))}"
             )
         if category.kind == "place":
             return self._place(text)

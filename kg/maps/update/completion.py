@@ -31,13 +31,13 @@ from kg.maps.update.implicit_assertions import (
 )
 from kg.maps.update.validation import is_place
 from kg.model import vocabulary as v
+from kg.model.areas import MAX_COORDINATE
 from kg.model.errors import InvalidFactError
-from kg.model.iris import observation_iri, whole_number
+from kg.model.iris import MAX_NUMBER, observation_iri, whole_number
 from kg.rdf.literals import area_of_polygon, cell_of, now
 from kg.store.scheduling import check_facts
 
 _OTHER_NUMBERS: Final = {v.XSD + name for name in ("decimal", "integer", "float")}
-MAX_OBJECT: Final = 10**15 - 1  # number that people may give an object; so new ones always exist
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 
 
@@ -187,7 +187,7 @@ def _coordinate(pending: ChangeDraft, subject: NamedNode, axis: str) -> float | 
         number = float(literal.value) if literal else None
     except ValueError:
         return None
-    return number if number is not None and abs(number) < 1e9 else None
+    return number if number is not None and abs(number) <= MAX_COORDINATE else None
 
 
 def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
@@ -196,9 +196,9 @@ def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
     if local == subject.value or not (local.isascii() and local.isdigit()):
         return 0
     number = whole_number(local)
-    if number is None or number > MAX_OBJECT:
+    if number is None or number > MAX_NUMBER:
         raise InvalidFactError(
-            f"no object has a number of {len(local)} digits; up to {len(str(MAX_OBJECT))} digits "
+            f"no object has a number of {len(local)} digits; up to {len(str(MAX_NUMBER))} digits "
             "would work"
         )
     return number

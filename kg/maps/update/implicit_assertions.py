@@ -12,7 +12,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.maps.facts.assertions import Assertions, PropertyAssertions
+from kg.maps.facts.assertions import Assertions, PropertyAssertions, value_of
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.spatial_relations import (
     NOTHING,
@@ -49,7 +49,7 @@ def assert_perceived_properties(
     made = [_category(pending, facts, subject, kind, previous, by)]
     for prop, predicates in _REASSERTED.items():
         if prop in previous and pending.writes(subject, *predicates):
-            made.append(_reasserted(pending, subject, previous[prop], predicates, by))
+            made.append(_reasserted(pending, facts, subject, previous[prop], predicates, by))
     if "existence" in previous and pending.writes(subject, v.EXISTENCE):
         pending.change(_node(pending, assertions, previous["existence"]), ())
     for assertion in filter(None, made):
@@ -110,6 +110,7 @@ def _category(
 
 def _reasserted(
     pending: ChangeDraft,
+    facts: RecordCodec,
     subject: NamedNode,
     previous: Assertion,
     predicates: Sequence[str],
@@ -121,7 +122,9 @@ def _reasserted(
         values[-1] = values[-1] or "0.0"
     if None in values:
         return None  # the shapes report what is missing
-    return replace(previous, value=" ".join(map(str, values)), by=by, stamp=time.time())
+    text = " ".join(map(str, values))
+    value_of(previous.property, text, facts.catalogue, "object")  # the same as assertions take
+    return replace(previous, value=text, by=by, stamp=time.time())
 
 
 def _relabel(

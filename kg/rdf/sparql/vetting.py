@@ -22,6 +22,8 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryRefusedError, did_you_mean
 from kg.rdf.sparql.lexer import Token, decode_escapes, keywords_of, tokens_of
 
+_ALONE: Final = "SERVICE is refused: a query reads this map alone"
+_JOINED: Final = "export the map and join it with the other source there"
 MAX_LENGTH = 200_000  # characters; a VALUES of 2,000 IRIs is half of it
 MAX_DEPTH = 100  # brackets; the parser's stack ends between 400 and 2,000
 
@@ -77,10 +79,7 @@ def reads_chosen_graphs(sparql: str) -> bool:
 def check_no_service(sparql: str) -> None:
     """Raises QueryRefusedError if the text has a SERVICE clause."""
     if any(_SERVICE.search(text) for text in _readings(sparql)):
-        raise QueryRefusedError(
-            "SERVICE is refused: a query reads this map alone; "
-            "export the map and join it with the other source there"
-        )
+        raise QueryRefusedError(f"{_ALONE}; {_JOINED}")
 
 
 def check_no_load(sparql: str) -> None:
@@ -154,8 +153,8 @@ def _check_services(sparql: str, allowed: Collection[str]) -> None:
     # also as a language tag, which may be a keyword to the engine
     words = sum(token.text.upper() in ("SERVICE", "@SERVICE") for token in tokens_of(sparql))
     if words > len(endpoints) or any(endpoint[1:-1] not in allowed for endpoint in endpoints):
-        hint = f"; allowed are: {', '.join(sorted(allowed))}" if allowed else ""
-        raise QueryRefusedError(f"SERVICE is refused: a query reads this map alone{hint}")
+        instead = f"allowed are: {', '.join(sorted(allowed))}" if allowed else _JOINED
+        raise QueryRefusedError(f"{_ALONE}; {instead}")
 
 
 _SIGNS: Final = {"AND": "&&", "OR": "||"}  # of other query languages' words

@@ -13,6 +13,7 @@ from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+from kg.model.areas import MAX_COORDINATE
 from kg.model.errors import RobotError
 from perception.camera.poses import Pose
 from perception.frames import Detector, Frame
@@ -21,7 +22,6 @@ from perception.sources.live.connection import Connection
 from perception.sources.live.stream import FrameStream
 from perception.sources.ros.image_messages import NANOSECONDS
 from planner.execution.protocol import (
-    MAX_COORDINATE,
     Arrived,
     DetectedFrame,
     DetectionsMessage,

@@ -173,22 +173,8 @@ def object_named(semantic_map: SemanticMap, text: str) -> str:
     return iri if iri.startswith(f"{semantic_map.base}object/") else ""
 
 
-def thing_named(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of the one thing or place that a text names, in any form that a door takes.
-
-    An id, an IRI, a label; a place also by its number or by a category that it alone has, an object
-    by a category of which the map has one. Raises QueryParameterError or UnknownCategoryError.
-    """
-    if found := semantic_map.resolve("thing", text):
-        return found
-    try:
-        return semantic_map.resolve("place", text)
-    except QueryParameterError:
-        return semantic_map.resolve("iri", text)
-
-
 def fact_named(semantic_map: SemanticMap, text: str) -> str:
-    """A thing as in `thing_named`, or a fact of it: subject, predicate and perhaps an object.
+    """A thing by its name, or a fact of it: subject, predicate and perhaps an object.
 
     The result is short (``object/17 here:inPlace place/1``). The predicate is ``a`` or has a colon.
     """
@@ -196,5 +182,5 @@ def fact_named(semantic_map: SemanticMap, text: str) -> str:
     at = next((n for n, word in enumerate(words) if n and ":" in word), len(words))
     if at > 1 and words[at - 1] == "a":
         at -= 1
-    iri = thing_named(semantic_map, " ".join(words[:at]) if at < len(words) else text)
+    iri = semantic_map.resolve("iri", " ".join(words[:at]) if at < len(words) else text)
     return " ".join([iri.removeprefix(semantic_map.base), *words[at:]])

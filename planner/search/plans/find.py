@@ -6,15 +6,18 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from kg.model.shares import percent
 from planner.search.goals.search_goals import explain_none
-from planner.search.goals.targets import resolve, undetectable_target
+from planner.search.goals.targets import Target, resolve, undetectable_target
 from planner.search.plans.answer_sentences import find_sentences
 from planner.search.plans.report import (
+    answer_json,
     direction,
+    empty_answer,
     nothing_line,
     plan_lines,
     step_purpose,
@@ -23,6 +26,59 @@ from planner.search.plans.report import (
 from planner.search.plans.search_state import PlanningState, build_search
 from planner.search.plans.view_plan import SHOWN, Start, ViewPlan, ViewStep, plan_from
 from planner.settings import WORTH
+
+if TYPE_CHECKING:
+    from planner.freespace.grid import FreeSpace
+    from planner.search.viewpoints.candidate_views import Motion, Sensor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedSearch:
+    """A plan for words, and what it was made from."""
+
+    semantic_map: SemanticMap
+    targets: tuple[Target, ...]
+    now: float  # [s] since 1970
+    state: PlanningState | None  # None for a map without floor, and for nothing to see
+    plan: ViewPlan | None
+
+    def without_floor(self) -> list[str]:
+        """Why a map without floor has nowhere to look for each kind of thing."""
+        kinds = [iri for target in self.targets for iri in target.queried]
+        return [explain_none(self.semantic_map, iri) for iri in kinds]
+
+    def to_json(self) -> dict[str, object]:
+        """The answer of `find --json`."""
+        if self.state is None or self.plan is None:
+            return empty_answer(self.semantic_map, self.targets, self.now)
+        return answer_json(self.semantic_map, self.state, self.plan, self.now)
+
+
+def plan_words(
+    semantic_map: SemanticMap,
+    words: Sequence[str],
+    *,
+    now: float | None = None,
+    start: Start | None = None,
+    budget: float | None = None,
+    worth: float = WORTH,
+    sensor: Sensor | None = None,
+    motion: Motion | None = None,
+    space: FreeSpace | None = None,
+) -> PlannedSearch:
+    """The plan for words that detectors can see; arguments are those of `find` and `build_search`.
+
+    Raises UnknownCategoryError for a word that is neither a category nor a need.
+    """
+    now = time.time() if now is None else now
+    at = None if start is None else start[:2]
+    state = build_search(
+        *(semantic_map, words), sensor=sensor, motion=motion, space=space, at=now, start=at
+    )
+    if state is None:
+        return PlannedSearch(semantic_map, tuple(resolve(semantic_map, words)), now, None, None)
+    plan = plan_from(state, start, budget=budget, worth=worth)
+    return PlannedSearch(semantic_map, tuple(state.targets), now, state, plan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,17 +142,16 @@ def find(
     lines = [f"{answer.answer}." for answer in unseen.values() if answer is not None]
     undetectable = tuple(text for text, answer in unseen.items() if answer is not None)
     words = [text for text in wanted if text not in undetectable]
-    state = build_search(semantic_map, words, at=now, start=pose and pose[:2]) if words else None
-    if state is None:
-        kinds = [iri for target in resolve(semantic_map, words) for iri in target.queried]
-        lines += [explain_none(semantic_map, iri) for iri in kinds]
+    if not words:
         return FindAnswer(tuple(lines), None, undetectable)
-    plan = plan_from(state, pose, budget=budget, worth=worth)
-    for target in state.targets:
+    found = plan_words(semantic_map, words, now=now, start=pose, budget=budget, worth=worth)
+    if found.plan is None:
+        return FindAnswer((*lines, *found.without_floor()), None, undetectable)
+    for target in found.targets:
         lines += [target.note] if target.note else []
-        lines += find_sentences(semantic_map, target, now, state, plan)
-    lines += [] if plan.steps else [nothing_line(plan, budget)]
-    return FindAnswer(tuple(lines), plan, undetectable)
+        lines += find_sentences(semantic_map, target, now, found.state, found.plan)
+    lines += [] if found.plan.steps else [nothing_line(found.plan, budget)]
+    return FindAnswer(tuple(lines), found.plan, undetectable)
 
 
 def _pose(start: Sequence[float]) -> Start:

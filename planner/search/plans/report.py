@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from typing import Final
@@ -16,14 +15,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.shares import chance, percent
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
-from planner.search.goals.targets import Target, resolve
+from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import find_sentences, known_of
-from planner.search.plans.search_state import PlanningState, ViewReason, build_search
+from planner.search.plans.search_state import PlanningState, ViewReason
 from planner.search.plans.view_plan import (
     ViewPlan,
     ViewStep,
     VisitedCandidate,
-    plan_from,
     planned_ways,
 )
 
@@ -282,18 +280,6 @@ def _lines_of_step(number: int, step: ViewStep, first_views: dict[_Which, int]) 
         f"   Takes {step.cost:.0f} s; ends after {step.seconds:.0f} s and {step.metres:.1f} m in "
         f"all. Finds it here first with {percent(step.probability)}; {percent(step.left)} remain."
     )
-
-
-def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
-    """Answer of `find --json` for `wanted`, now, by default settings from the robot's pose.
-
-    Raises UnknownCategoryError for a word that is neither a category nor a need.
-    """
-    now = time.time()
-    state = build_search(semantic_map, wanted, at=now)
-    if state is None:
-        return empty_answer(semantic_map, resolve(semantic_map, wanted), now)
-    return answer_json(semantic_map, state, plan_from(state), now)
 
 
 def answer_json(

@@ -254,3 +254,30 @@ def test_the_log_tells_each_change_in_words(written, frame):
         assert entries[3].cause.note == "flat/frame-000003"
         with pytest.raises(QueryParameterError, match="knows nothing of object/9"):
             list(semantic_map.history.events("object/9"))
+
+
+@pytest.mark.parametrize(
+    ("thing", "prop", "value", "facts"),
+    [
+        ("object/1", "category", "bed", ()),
+        ("object/1", "label", "throne", ("rdfs:label 'throne'",)),
+        ("object/1", "position", "2 3 0.7", ("here:x", "here:y", "here:z")),
+        ("object/1", "existence", "present", ("here:existence",)),
+        ("place/1", "category", "bathroom", ()),
+        ("place/1", "label", "den", ("rdfs:label 'den'",)),
+    ],
+)
+def test_a_person_is_the_reason_of_what_was_asserted_and_of_nothing_else(
+    written: Written, thing: str, prop: str, value: str, facts: tuple[str, ...]
+) -> None:
+    with written(2) as semantic_map:
+        semantic_map.assertions.add(thing, prop, value, by="ann")
+        explain, node = semantic_map.history.explain, NamedNode(semantic_map.base + thing)
+        for fact in facts:
+            (reason,) = explain(f"{thing} {fact}")
+            assert _steps(reason, "person") == ["ann"], fact
+        kind = semantic_map.catalogue.find(value).iri if prop == "category" else ""
+        types = semantic_map.engine.quads_for_pattern(node, v.RDF_TYPE, None, v.MAP_GRAPH)
+        for name in [quad.object.value for quad in types if isinstance(quad.object, NamedNode)]:
+            (reason,) = explain(f"{thing} a <{name}>")
+            assert bool(_steps(reason, "person")) == (name == kind), name

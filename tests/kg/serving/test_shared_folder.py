@@ -23,7 +23,7 @@ from kg.model.transactions import Cause
 from kg.serving import folder_server
 from kg.serving.folder_server import FolderClient
 from kg.serving.opening import create_map, open_map, watch_map
-from kg.serving.shared_folder import SharedMap
+from kg.serving.shared_folder import SharedMap, recover_copy
 from kg.store.folder import announced
 from tests.kg.conftest import BASE, frame_update
 from tests.waiting import until
@@ -259,6 +259,17 @@ def test_a_folder_that_names_another_program_is_told(writer: SemanticMap) -> Non
     (path / "lock").write_text("nobody\nlistens" * 3)
     with pytest.raises(MapBusyError, match="does not serve this user"):
         FolderClient(path)
+
+
+def test_a_copy_of_a_map_in_use_has_its_state_and_its_whole_history(
+    writer: SemanticMap, tmp_path: Path
+) -> None:
+    """Of each transaction the cause and the facts, though files are still being written."""
+    writer.assertions.add(writer.objects()[0].iri, "label", "my bed", by="ann")
+    recover_copy(Path(path_of(writer)), tmp_path / "copy")
+    with open_map(tmp_path / "copy", read_only=True) as copy:
+        assert [*copy.history.changes()] == [*writer.history.changes()]
+        assert {*copy.engine} == {*writer.engine}
 
 
 def test_a_map_that_nobody_holds_is_free(tmp_path: Path) -> None:

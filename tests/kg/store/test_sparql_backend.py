@@ -4,6 +4,8 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
@@ -12,7 +14,15 @@ from pyoxigraph import BlankNode, Literal, QueryResultsFormat, parse_query_resul
 from kg.export.serialization import export_text
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
-from kg.model.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
+from kg.model.errors import (
+    GraphError,
+    MapNotFoundError,
+    QueryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+    RemoteError,
+    UnreachableError,
+)
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.sparql_backend import SparqlBackend
@@ -245,3 +255,43 @@ def test_a_complaint_names_the_line_and_not_the_query() -> None:
     said = "Virtuoso 37000 Error SP030: SPARQL compiler, line 2: syntax error\n\nSPARQL query:\nASK"
     assert complaint(said) == "error at 2:1: syntax error"
     assert complaint("Virtuoso 42000 Error SR186:  no permission").endswith("SR186: no permission")
+
+
+class _Dribbling(BaseHTTPRequestHandler):
+    """Sends something now and then, for longer than anybody waits."""
+
+    ended = threading.Event()
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self.send_response(200)
+        self.send_header("Content-Type", "application/sparql-results+json")
+        self.end_headers()
+        with suppress(OSError):
+            for _ in range(200):
+                if self.ended.wait(0.05):
+                    break
+                self.wfile.write(b" " * 4096)
+                self.wfile.flush()
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+def test_an_answer_that_goes_on_ends_at_the_limits_of_time_and_size() -> None:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Dribbling)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}/sparql"
+    client = SparqlClient(address, address, address)
+    try:
+        for seconds, size, error in (
+            (0.5, 1 << 40, QueryTimeoutError),
+            (600.0, 20_000, QueryTooLargeError),
+        ):
+            with pytest.raises(error):
+                client.fetch("ASK {}", (), seconds=seconds, max_bytes=size)
+    finally:
+        _Dribbling.ended.set()
+        client.close()
+        server.shutdown()
+        server.server_close()

@@ -12,6 +12,7 @@ from mapping.frames.pose_monitor import PoseMonitor
 from mapping.frames.read_ahead import read_ahead
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
+from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.frames import Detections, Frame
 from perception.sources.recording import open_recording
@@ -132,15 +133,30 @@ def test_intrinsics_without_a_focal_length_are_refused(make_frame, refused, row,
     frame = make_frame(2.0)
     K = frame.K.copy()
     K[row, row] = value
-    refused(replace(frame, K=K), "K must be finite with focal lengths above 0 and the principal")
+    refused(replace(frame, K=K), "focal lengths must be positive, and all numbers finite")
 
 
-@pytest.mark.parametrize("row", [0, 1])
-def test_principal_points_far_outside_the_image_are_refused(make_frame, refused, row):
+@pytest.mark.parametrize(
+    ("row", "column", "value", "message"),
+    [
+        (0, 2, -0.1, "principal point"),
+        (1, 2, 1.0, "principal point"),
+        (0, 0, 1e5, "field of view"),
+        (1, 1, 0.01, "field of view"),
+    ],
+)
+def test_intrinsics_that_no_recording_may_have_are_refused(
+    make_frame, refused, row, column, value, message
+):
+    """Values in widths or heights of the image; `Intrinsics.fitted` refuses the same ones."""
     frame = make_frame(2.0)
+    height, width = frame.depth.shape
     K = frame.K.copy()
-    K[row, 2] += 2 * frame.depth.shape[1 - row]
-    refused(replace(frame, K=K), "principal point near the image")
+    K[row, column] = value * (width, height)[row]
+    refused(replace(frame, K=K), message)
+    camera = Intrinsics(K[0, 0], K[1, 1], K[0, 2], K[1, 2], width, height)
+    with pytest.raises(RecordingError, match=message):
+        camera.fitted(width, height)
 
 
 @pytest.mark.parametrize(("turned", "form"), [(lambda K: K.T, r"K\.T"), (lambda K: 2 * K, "K / K")])

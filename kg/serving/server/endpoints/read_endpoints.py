@@ -249,7 +249,8 @@ async def diff(serving: AppState, request: Request) -> Response:
     With ``&facts=1`` all facts instead.
     """
     given, semantic_map = query_parameters(request), serving.semantic_map
-    before, to = await sequence_at(semantic_map, _needed(given, "from")), given.one("to")
+    before = await sequence_at(semantic_map, _needed(given, "from"), since=True)
+    to = given.one("to")
     after = semantic_map.sequence if to is None else await sequence_at(semantic_map, to)
     wanted = {
         "before": before,

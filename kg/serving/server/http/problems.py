@@ -181,8 +181,8 @@ def _tags(request: Request, header: str) -> list[str]:
     return [] if given is None else [tag.strip() for tag in given.split(",")]
 
 
-async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
-    """The last transaction at or before a moment, which is text as of `instant`.
+async def sequence_at(semantic_map: SemanticMap, text: str, *, since: bool = False) -> int:
+    """The transaction of a moment (`sequence_of`), which is text as of `instant`.
 
     Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
     """
@@ -190,7 +190,8 @@ async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
         when = instant(text, time.time())
     except HistoryError as error:
         raise Problem(400, str(error)) from error
-    return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))
+    log = semantic_map.history.log
+    return await run_in_threadpool(partial(sequence_of, log, when, since=since))
 
 
 def http_date(text: str) -> float:

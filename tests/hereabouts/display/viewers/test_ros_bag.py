@@ -1,5 +1,6 @@
 """Bags of a map, read again with the `rosbags` package."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from hereabouts.display.viewers.ros_messages import TOPICS, scenes_as_bag
 from hereabouts.display.viewers.scene import ScenePlan, SceneReader, SceneStop
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.surface.voxels import Surface
 from kg.serving.opening import in_memory_map
 
 
@@ -61,3 +63,22 @@ def test_an_empty_map_is_a_bag_that_clears_the_view(tmp_path: Path) -> None:
     messages = read(path)
     assert list(messages) == ["/hereabouts/markers"]
     assert [marker.action for marker in messages["/hereabouts/markers"].markers] == [3]
+
+
+def test_a_cloud_has_the_points_and_the_colours_of_the_surface(kitchen, tmp_path):
+    """As PCL and RViz read them: x, y, z and 0x00RRGGBB, each of four bytes, little-endian."""
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(20, 3)).astype(np.float32)
+    colours = rng.integers(0, 256, (20, 3)).astype(np.uint8)
+    surface = Surface(0.025, points, colours, np.ones(20, np.uint16), np.zeros(20))
+    path = tmp_path / "kitchen.bag"
+    scene = replace(SceneReader(kitchen).read(), surface=surface)
+    path.write_bytes(scenes_as_bag([(scene, 1.0)]))
+    cloud = read(path)["/hereabouts/surface"]
+    kinds = {field.name: ("<f4" if field.name in "xyz" else "<u4") for field in cloud.fields}
+    offsets = [field.offset for field in cloud.fields]
+    form = {"names": [*kinds], "formats": [*kinds.values()], "offsets": offsets}
+    rows = np.frombuffer(bytes(cloud.data), np.dtype({**form, "itemsize": cloud.point_step}))
+    assert np.stack([rows[axis] for axis in "xyz"], axis=1) == pytest.approx(points)
+    packed = colours.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    assert (rows["rgb"] == packed).all()

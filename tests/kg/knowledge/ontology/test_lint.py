@@ -78,7 +78,7 @@ BAD = [
     ("here:inPlace <place/1>", "here:inPlace <place/2>", "object/1", "one place of the map"),
     ("here:confidence 2.4e0", "here:confidence 0e0", "object/1", "a double above 0"),
     ("here:existence 0.8e0", "here:existence 1.2e0", "object/1", "between 0 and 1"),
-    ("here:observationCount 14", "here:observationCount 0", "object/1", "at least 1"),
+    ("here:observationCount 14", "here:observationCount 0", "object/1", "of 1 to"),
     ("10:00:00Z", "10:00:30Z", "object/1", "here:firstSeen must not be after here:lastSeen"),
     ("Interest <object/1>", "Interest <object/9>", "observation/1", "object of the map"),
     ("here:score 0.83e0", "here:score 83e0", "observation/1", "exactly one here:score"),

@@ -7,7 +7,7 @@ import pytest
 from kg.knowledge.ontology.catalogue import Catalogue, name_key, shipped_ontology
 from kg.knowledge.ontology.diagnostics import inspect
 from kg.knowledge.ontology.import_closure import load_with_imports
-from kg.knowledge.words.classes import class_iri, sense_of_label, vocabulary_turtle
+from kg.knowledge.words.classes import class_iri, class_quads, sense_of_label, vocabulary_turtle
 from kg.knowledge.words.meaning import Meaning, understand
 from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, word_table
 from kg.knowledge.words.usual_places import usual_places
@@ -75,6 +75,19 @@ def test_an_unknown_word_is_no_class() -> None:
 def test_labels_of_networks_have_senses(label: str, synset: str | None) -> None:
     sense = sense_of_label(label)
     assert (sense and sense.synset) == synset
+
+
+def test_a_word_is_below_the_categories_that_include_it_alone() -> None:
+    """What a word is near to, or part of, is no superclass of it."""
+    for sense in {id(one): one for one in word_table().senses.values()}.values():
+        above = {
+            quad.object.value
+            for quad in class_quads(sense, CATALOGUE)
+            if quad.predicate.value == v.RDFS_SUB_CLASS_OF
+        }
+        included = sense.categories if sense.relation == "narrower" else ()
+        known = {CATALOGUE.find(one, "object").iri for one in included}
+        assert above == {v.OBJECT, *known}, sense.synset
 
 
 def test_labels_of_a_network_become_words_of_the_map(semantic_map: SemanticMap) -> None:

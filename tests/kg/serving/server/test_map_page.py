@@ -15,7 +15,7 @@ import pytest
 from kg.model.records import MapUpdate, RobotRecord
 from kg.serving.opening import in_memory_map
 from kg.serving.server import MapServer, Settings
-from planner.search.plans.report import find_answer
+from planner.search.plans.find import plan_words
 from tests.kg.serving.server.browser_pages import (
     HOSTILE,
     OpenPage,
@@ -228,7 +228,7 @@ def test_of_two_searches_in_a_row_the_last_one_is_answered(serve, flat, open_pag
         if wanted == ["cup"]:
             begun.set()
             assert go_on.wait(60)
-        return find_answer(flat, wanted)
+        return plan_words(flat, wanted).to_json()
 
     page = open_page(of=serve(planner=slowly))
     page.fill("#wanted", "cup")

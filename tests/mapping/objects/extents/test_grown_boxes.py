@@ -115,6 +115,26 @@ def test_the_hidden_back_of_a_cupboard_is_told_by_its_outlines() -> None:
     assert fitted.overlap(true) > 2 * grown.overlap(true)
 
 
+@pytest.mark.parametrize("edge", range(4))
+def test_where_an_outline_meets_the_border_of_an_image_it_tells_nothing(edge: int) -> None:
+    """Edges of boxes, xyxy; a detector may end a box that is cut some pixels before the border."""
+    true = OrientedBox(np.array([0.0, 0.0, 0.9]), np.array([0.7, 0.6, 1.8]), 0.0)
+    grown = OrientedBox(true.centre, true.extent * 0.8, 0.1)
+    border, inwards = (0.0, 0.0, WIDTH, HEIGHT)[edge], 1 if edge < 2 else -1
+
+    def fitted(pixels: float) -> Floats:
+        rows = [view(T, shell(true)) for T in around(true)]
+        for row in rows:
+            row[18 + edge] = border + inwards * pixels
+        box = fitted_box(grown, BoxViews.of(rows))
+        assert box is not None
+        return np.array([*box.centre, *box.extent, box.yaw])
+
+    for pixels in (1.0, 3.0):
+        np.testing.assert_allclose(fitted(pixels), fitted(0.0), atol=5e-4)
+    assert np.abs(fitted(12.0) - fitted(0.0)).max() > 2e-3  # that is an edge of the thing
+
+
 def table_and_views(cut: float) -> tuple[Floats, BoxViews]:
     """A table top of 2 m by 1 m, and views that show `cut` [m] of it at one end."""
     top = shell(OrientedBox(np.array([0.0, 0.0, 0.7]), np.array([2.0, 1.0, 0.03]), 0.0))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import RecordingError
+from perception.sources.listing import TOLERANCE
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K
@@ -206,3 +207,13 @@ def test_images_in_no_known_layout_name_the_one_that_is_read(tmp_path, names):
         (tmp_path / name).write_bytes(b"")
     with pytest.raises(RecordingError, match=r"colour in rgb/ and of depth .* in depth/"):
         open_recording(tmp_path)
+
+
+@pytest.mark.parametrize(("late", "count"), [(0.0, 2), (0.9 * TOLERANCE, 2), (1.1 * TOLERANCE, 1)])
+def test_an_image_has_the_pose_of_its_moment_alone(room, late, count):
+    """Of six images, poses of two, `late` [s]; between two poses, one is interpolated."""
+    tum(room)
+    lines = [line.partition(" ") for line in room.tum()[:2]]
+    poses = "".join(f"{float(stamp) + late:.6f} {pose}" for stamp, _, pose in lines)
+    room.write("groundtruth.txt", poses)
+    assert len(open_recording(room.folder, TUM_OPTIONS)) == count

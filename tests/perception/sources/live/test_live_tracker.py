@@ -8,8 +8,10 @@ from queue import SimpleQueue
 from time import sleep
 from types import SimpleNamespace
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
 pytest.importorskip("rosbags")
 from kg.model.errors import LayoutError
@@ -30,6 +32,7 @@ from perception.sources.live.live_tracker import LiveTracker
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
+from tests.perception.box_room import papered_frame, pose
 
 ROOM = "data/rgbd/icl_livingroom"
 FRAMES = 24
@@ -257,3 +260,33 @@ def test_a_live_camera_finds_itself_in_a_map_or_is_refused(shared, images, tmp_p
         with pytest.raises(LayoutError, match=r"'live' in this map of .* not recognised"):
             recognised_live("live", kitchen, semantic_map)
         assert semantic_map.sequence == before
+
+
+@hypothesis.given(st.lists(st.floats(-3, 3), min_size=6, max_size=6))
+@hypothesis.settings(max_examples=10, deadline=None)
+def test_what_is_mapped_stays_where_its_first_key_frame_was(numbers):
+    """A correction that moves the whole path, as any gauge, moves nothing that was given."""
+    motion_of_all = pose(*numbers[:2], numbers[2], z=numbers[3], pitch=numbers[4] / 3)
+    tracker = tracked_room()
+    keys = tracker.odometry.graph.keys
+    for key in keys:  # a piece that begins anywhere
+        key.pose = pose(1.0, -2.0, 0.7) @ key.pose
+    before = tracker.corrected()
+    tracker.hold()
+    for key in keys:
+        key.pose = motion_of_all @ key.pose
+    after = tracker.corrected()
+    assert after.keys() == before.keys() and len(after) > 3
+    for name, T in before.items():
+        np.testing.assert_allclose(after[name], T, atol=1e-3)
+
+
+def tracked_room() -> LiveTracker:
+    """A tracker that saw, and gave, six images of a papered room."""
+    images = [papered_frame(pose(-1.0 + 0.05 * n, 0.0, 0.06 * n), n) for n in range(6)]
+    coming = iter(images)
+    tracker = LiveTracker("room", lambda wait: next(coming, None))
+    for _ in images:
+        tracker.step()
+        assert tracker.next_frame(0.0) is not None
+    return tracker

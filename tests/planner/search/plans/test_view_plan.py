@@ -1,6 +1,7 @@
 """What `find` promises: candidates of the graph, belief on cells, plans of looks, bounds."""
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +19,7 @@ from mapping.persistence import (
     mobility_table,
 )
 from planner.search.goals.targets import resolve
-from planner.search.plans.report import plan_json
+from planner.search.plans.report import plan_json, step_lines
 from planner.search.plans.search_state import PlanningState, build_search
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor
@@ -251,3 +252,16 @@ def test_half_lives_are_listed_for_known_labels_and_learned_from_stays(flat: Sem
     assert 100.0 < learned_half_life(100.0, [50.0]) < learned_half_life(100.0, [50.0, 150.0])
     assert holds(100.0, 100.0) == pytest.approx(0.5)
     assert holds(100.0, -5.0) == 1.0
+
+
+def test_the_printed_reasons_of_a_step_are_all_that_it_has(flat: SemanticMap) -> None:
+    """The last line of reasons has the sum of those that are not listed."""
+    words = ("cup", "apple", "banana", "book", "bottle", "bowl", "remote")
+    steps = plan(state_for(flat, *words), (6.0, 1.0), time_limit=math.inf).steps
+    assert max(len(step.why) for step in steps) > 7
+    for step in steps:
+        lines = [re.match(r" +([0-9.]+) %", line) for line in step_lines([step])]
+        printed = [float(match[1]) for match in lines if match]
+        rounded = sum(0.5 if one >= 9.5 else 0.06 for one in printed)
+        whole = 100 * sum(reason.probability for reason in step.why)
+        assert sum(printed) == pytest.approx(whole, abs=rounded)
