@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -200,7 +201,9 @@ def _by_viewpoints(
         return 0
     said = _print_known(semantic_map, facts, arguments, state, found)
     if not found.steps:
-        write(nothing_line(found, arguments.budget))
+        said = nothing_line(found, arguments.budget)
+        again = f"hereabouts find MAP {shlex.join(arguments.object)} --worth {found.best / 2:.1g}"
+        write(with_map(f"{said} (`{again}` plans all the same)" if found.best > 0 else said))
     else:
         _print(found, arguments, max(_LINES - said, 0))
     return 0

@@ -13,7 +13,6 @@ from kg.model.errors import QueryParameterError
 from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from kg.model.shares import percent
-from planner.questions.named_things import plural
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -22,7 +21,7 @@ from planner.search.goals.place_names import (
     places_called,
     spoken_places,
 )
-from planner.search.goals.search_goals import times, with_article
+from planner.search.goals.search_goals import plural, times, with_article
 
 _LISTED: Final = 8  # places, or doors, in an answer
 _WALL: Final = 0.3  # [m] greatest distance of places on both sides of a wall, ...
