@@ -135,7 +135,11 @@ class Answerer(ThingAnswers):
         titles = {str(row["object"]): str(row["label"] or "") for row in rows_now}
         for kind in ("appeared", "gone", "moved", "relabelled"):
             of_kind = [change for change in changes if change.kind == kind]
-            some = [titles.get(f"{base}{c.iri}") or self._title_of(c) for c in of_kind]
+            moved = " from {} to {}" if kind == "moved" and target is not None else ""
+            some = [
+                (titles.get(f"{base}{c.iri}") or self._title_of(c)) + moved.format(*c.sides)
+                for c in of_kind
+            ]
             lines += _named(kind.capitalize(), some)
         rooms = [
             room

@@ -79,6 +79,7 @@ class _Answerer:
             "around": self._next_to,
             "size": self._areas,
             "why": self._reasons,
+            "certainty": self._reasons,
             "compare": self._compared,
         }
         if question.kind == "size" and question.what in WHOLE:
@@ -137,12 +138,14 @@ class _Answerer:
 
     def _reasons(self, rooms: _Rooms) -> list[str]:
         """Kinds of places, and the number of views and things that tell of them."""
-        lines = [
-            f"{_capital(place.label)} is believed to be {_kind(self._map, place) or 'no kind'}: it "
-            f"was viewed {times(place.views)}, and {len(place.evidence_objects) or 'no'} "
-            f"thing{'s' * (len(place.evidence_objects) != 1)} in it tell of its kind"
-            for place in rooms.sure[:_LISTED]
-        ]
+        lines = list[str]()
+        for place in rooms.sure[:_LISTED]:
+            kind, things = _kind(self._map, place) or "no kind", len(place.evidence_objects)
+            lines.append(
+                f"{_capital(self._name(place))} is believed to be {kind}: it was viewed "
+                f"{times(place.views)}, and {things or 'no'} thing{'s' * (things != 1)} in it tell "
+                "of its kind"
+            )
         return [*lines, *self._perhaps(rooms)] or [self._none(rooms)]
 
     def _status(self, rooms: _Rooms) -> list[str]:

@@ -216,8 +216,8 @@ class _Reader:
         hint = f"; did you mean {' or '.join(dict.fromkeys(close))}?" if close else ";"
         count = sum(c.kind == "object" for c in self.catalogue.categories)
         return (
-            f"no category '{shown}'{hint} it is none of the {count} kinds of objects that are known "
-            f"here, nor of {len(self.table.senses):,} other words"
+            f"no category '{shown}'{hint} it is none of the {count} kinds of objects known here, "
+            f"nor of {len(self.table.senses):,} other words"
         )
 
     def _names(self) -> dict[str, str]:

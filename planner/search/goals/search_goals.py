@@ -7,6 +7,7 @@ is located.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -215,7 +216,8 @@ def plural(noun: str) -> str:
         if last.endswith("y") and last[-2:-1] not in "aeiou":
             several = f"{last[:-1]}ies"
         else:
-            several = last + ("es" if last.endswith(("s", "x", "z", "ch", "sh")) else "s")
+            several = last + ("es" if last.endswith(("ss", "us", "x", "z", "ch", "sh")) else "s")
+            several = last if re.search("[^su]s$", last) else several  # it names several already
     else:
         several = _PLURALS[last]
     return f"{first} {several}".strip()
