@@ -231,7 +231,7 @@ def _print_known(
         most = _ALL if arguments.explain else _OBJECTS
         said = find_sentences(semantic_map, target, now, state, found, most=most)
         if said[0].startswith("No "):
-            vain = detections_in_vain(semantic_map, target.kind, arguments.map)
+            vain = detections_in_vain(semantic_map, target.kind)
             said += [vain] if vain else []
         write(with_map("\n".join(said)))
         lines += len(said)

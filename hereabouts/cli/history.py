@@ -82,7 +82,7 @@ def log(arguments: argparse.Namespace) -> int:
 
 
 _COLUMNS = ("change", "thing", "category", "before", "after", "metres")
-_ROWS = 8  # changes that are printed without --all
+_ROWS = 6  # changes that are printed without --all
 _FACTS = ("change", "subject", "predicate", "before", "after")
 
 
@@ -93,7 +93,7 @@ T1 -> before  first moment
 --moved       only objects that moved
 --far M       shortest move [m] (default: 0.3)
 --facts       all facts that changed instead
---all         all changes, not only the first 8
+--all         all changes, not only the first 6
 --json
 """
 

@@ -237,7 +237,7 @@ _LABELS: Final = {
 }
 _OF_MACHINES: Final = frozenset(("rule", "model", "pose", "commit", "change"))
 _MOST_SENTENCES: Final = 8
-_BRIEF: Final = re.compile(r"[:;]| \(")  # the end of a rule's first words
+_BRIEF: Final = re.compile(r"[:;,]| \(")  # the end of a rule's first words
 _MOMENT: Final = re.compile(r"(?: at)? (\d{4}-\d\d-\d\dT[\d:.]+Z)")
 #: what of steps only machines use: the box of an observation, the frames of views
 _BOX: Final = re.compile(r": box [^;]*|, last [^;]*/[^;]*")
