@@ -151,9 +151,9 @@ class _Summary:
             yield f"there with {chance(existence)}"
 
     def _is_as_told(self, existence: float) -> bool:
-        """Whether an existence is near that of the summary, on the same side of an even chance."""
+        """Whether an existence is near that of the summary; less near across an even chance."""
         same_side = (existence >= 0.5) == (self._existence >= 0.5)
-        return same_side and abs(existence - self._existence) < _SURER
+        return abs(existence - self._existence) < (_SURER if same_side else _SURER / 2)
 
 
 def _left(added: dict[Term, list[Term]]) -> str:
