@@ -40,6 +40,7 @@ _NONE: Final[Mapping[Value, str]] = {
     "hidden": ", but not everything was viewed",
     "never looked": ", but nobody looked",
 }
+_OTHERWISE: Final = 0.1  # least probability of another category that is named
 _GUESS: Final = 0.01  # least probability of a place that is named as a guess
 
 
@@ -130,11 +131,14 @@ def answer_lines(
     listed = [one for one in ranked if one.sure][:most] or ranked[: min(most, _DOUBTED)]
     lines = [_sentence(one, now, rooms or {}) for one in listed]
     if rest := ranked[len(listed) :]:
-        less = "perhaps " if not rest[0].sure else ""
-        kinds = Counter(one.category for one in rest)
+        sure = [one for one in rest if one.sure]
+        kinds = Counter(one.category for one in sure or rest)
         named = (f"{n} {kind if n == 1 else plural(kind)}" for kind, n in kinds.most_common())
         of = f": {', '.join(named)}" if target is not None and len(target.kinds) > 1 else ""
-        lines.append(f"and {less}{len(rest)} more{of}")
+        doubted = len(rest) - len(sure)
+        others = f", and perhaps {doubted} other{'s' * (doubted > 1)}" if doubted else ""
+        more = f"{len(sure)} more{of}{others}" if sure else f"perhaps {doubted} more{of}"
+        lines.append(f"and {more}")
     return lines
 
 
@@ -185,8 +189,9 @@ def _besides(one: KnownObject) -> str:
     """Other categories, and the search that found the object."""
     words = ""
     if one.own is None and one.may_be:
-        may_be = (f"{with_article(other)} ({percent(p)})" for other, p in one.may_be)
-        words = f"; it may also be {' or '.join(may_be)}"
+        others = (f"{with_article(k)} ({percent(p)})" for k, p in one.may_be if p >= _OTHERWISE)
+        named = " or ".join(others)
+        words = f"; it may also be {named}" if named else ""
     if one.found_by is not None:
         words += "; found by a search"
     return words
