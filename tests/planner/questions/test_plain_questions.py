@@ -398,7 +398,7 @@ def test_a_note_on_a_place_is_told_with_its_author(says: Says) -> None:
         return [
             "ote by ann: wet floor" in says(*asked[0]),
             "; note by ann: wet floor" in says(*asked[1]),
-            "note wet floor, asserted at" in says("why", "the kitchen"),
+            "Note wet floor, asserted today at" in says("why", "the kitchen"),
         ]
 
     assert not any(told())
