@@ -201,9 +201,9 @@ def _by_viewpoints(
         return 0
     said = _print_known(semantic_map, facts, arguments, state, found)
     if not found.steps:
-        said = nothing_line(found, arguments.budget)
+        line = nothing_line(found, arguments.budget)
         again = f"hereabouts find MAP {shlex.join(arguments.object)} --worth {found.best / 2:.1g}"
-        write(with_map(f"{said} (`{again}` plans all the same)" if found.best > 0 else said))
+        write(with_map(f"{line} (`{again}` plans all the same)" if found.best > 0 else line))
     else:
         _print(found, arguments, max(_LINES - said, 0))
     return 0

@@ -122,7 +122,7 @@ def answer_lines(
     second = frozenset[str]() if target is None else target.second
     at = {iri: number for number, iri in enumerate(shown)}
 
-    def rank(one: KnownObject) -> tuple[object, ...]:
+    def rank(one: KnownObject) -> tuple[bool, bool, bool, int, float]:
         p = one.still_there(now)
         order = at.get(one.iri, len(at)) if p >= PROBABLY else 0
         return not one.sure, one.category in second, p < PROBABLY, order, -p
