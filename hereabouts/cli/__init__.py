@@ -177,7 +177,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = argparse.Namespace()
     try:
         arguments = build_parser(_needed(words)).parse_args(join_signed(_map_first(words)))
-        if isinstance(address := getattr(arguments, "map", None), str):
+        address = getattr(arguments, "map", None) or getattr(arguments, "into", None)
+        if isinstance(address, str):
             name_map(address)
         _check_outputs(arguments)
         return int(arguments.run(arguments))

@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.format == "table" and arguments.at is None and arguments.question in _LISTS:
             place = parameters.get("place")
             where = None if place is None else semantic_map.resolve("place", str(place))
-            note_unnamed(semantic_map, arguments.map or "MAP", where)
+            note_unnamed(semantic_map, where)
     return 0
 
 

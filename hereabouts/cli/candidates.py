@@ -55,7 +55,7 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
     return 0
 
 
-def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> str:
+def detections_in_vain(semantic_map: SemanticMap, label: str) -> str:
     """A sentence on detections of a category that has no object in the map; "" without any."""
     try:
         report = None if semantic_map.store.path is None else read_report(semantic_map.store.path)
@@ -70,7 +70,7 @@ def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> s
     reason = f", {some} with too low a score" if weak else ""
     return (
         f"The detector reported {label} {times(total)}{reason}: not enough for an "
-        f"object of the map (hereabouts why {address} --candidates {label})"
+        f"object of the map (hereabouts why MAP --candidates {label})"
     )
 
 
@@ -85,7 +85,7 @@ def _report(semantic_map: SemanticMap) -> DetectionReport:
     if report is None:
         raise GraphError(
             f"{folder} has no {FILE}: no detector has mapped into it, or an earlier version did; "
-            "`hereabouts map --again` writes the file"
+            "mapping a recording again, with --again, writes the file"
         )
     return report
 

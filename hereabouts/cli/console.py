@@ -228,7 +228,7 @@ def print_looks(plan: ViewPlan, max_looks: int | None = None, max_reasons: int =
     from planner.search.plans.report import looks_table, reason_lines
 
     steps = plan.steps[:max_looks]
-    print_table(*looks_table(steps))
+    print_table(*looks_table(steps, len(plan.targets)))
     for line in reason_lines(steps)[:max_reasons]:
         write(f"  {line}")
 

@@ -114,14 +114,14 @@ def _print_answer(table: Table) -> None:
 
 def _print_plan(report: DemoReport) -> None:
     from hereabouts.demo.house_demo import TARGET
-    from planner.search.plans.report import plan_lines
+    from planner.search.plans.report import plan_lines, worthwhile
 
     plan = report.planned.plan
     heading(f"Where is the {TARGET}?")
     note(f"hereabouts find {report.map_path} {TARGET} {report.planned.options}")
-    print_looks(plan, _LOOKS)
-    rest = len(plan.steps) - _LOOKS
-    note(f"and {rest} more looks; " * (rest > 0) + plan_lines(plan)[0])
+    looks = min(worthwhile(plan.steps), _LOOKS)
+    print_looks(plan, looks)
+    note(plan_lines(plan, looks)[0])
 
 
 def _print_search(report: DemoReport) -> None:
@@ -133,10 +133,7 @@ def _print_search(report: DemoReport) -> None:
     note(f"hereabouts search {report.map_path} {TARGET} --robot sim")
     print_table(
         ("seconds", "what happens"),
-        [
-            (round(event.data["seconds"]), line)
-            for event, line in zip(run.events, in_short(run.events), strict=True)
-        ],
+        [(round(seconds), line) for seconds, line in in_short(run.events)],
     )
     if report.position_error is None:
         write(f"The robot gave up after {run.outcome.seconds:.0f} s: {run.outcome.reason}.")

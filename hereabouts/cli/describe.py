@@ -169,7 +169,7 @@ def check(arguments: argparse.Namespace) -> int:
                 note(str(warning))
             _note_missing_history(semantic_map)
             if semantic_map.description.licence is None:
-                note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")
+                note("no licence: `hereabouts describe MAP --licence IRI` sets one")
     if arguments.json:
         write_json([asdict(finding) for finding in findings])
     elif findings:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -187,7 +188,9 @@ def _print_found(found: PlannedSearch, plan: ViewPlan, arguments: argparse.Names
     if plan.steps:
         _print(plan, arguments, max(_LINES - said, 0))
     else:
-        write(nothing_line(plan, arguments.budget))
+        line = nothing_line(plan, arguments.budget)
+        again = f"hereabouts find MAP {shlex.join(arguments.object)} --worth {plan.best / 2:.1g}"
+        write(with_map(f"{line} (`{again}` plans all the same)" if plan.best > 0 else line))
 
 
 def _print_known(found: PlannedSearch, arguments: argparse.Namespace) -> int:
@@ -208,7 +211,7 @@ def _print_known(found: PlannedSearch, arguments: argparse.Namespace) -> int:
         most = _ALL if arguments.explain else _OBJECTS
         said = find_sentences(semantic_map, target, now, state, found.plan, most=most)
         if said[0].startswith("No "):
-            vain = detections_in_vain(semantic_map, target.kind, arguments.map)
+            vain = detections_in_vain(semantic_map, target.kind)
             said += [vain] if vain else []
         write(with_map("\n".join(said)))
         lines += len(said)

@@ -10,11 +10,9 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
-from hereabouts.cli.console import note, out, print_answer, write, write_json
+from hereabouts.cli.console import note, print_answer, write, write_json
 
 if TYPE_CHECKING:
-    from rich.tree import Tree
-
     from kg.history.point_in_time import Difference
     from kg.history.reports.comparison import Comparison
     from kg.history.reports.explanation import Explanation
@@ -83,7 +81,7 @@ def log(arguments: argparse.Namespace) -> int:
 
 
 _COLUMNS = ("change", "thing", "category", "before", "after", "metres")
-_ROWS = 8  # changes that are printed without --all
+_ROWS = 6  # changes that are printed without --all
 _FACTS = ("change", "subject", "predicate", "before", "after")
 
 
@@ -94,7 +92,7 @@ T1 -> before  first moment
 --moved       only objects that moved
 --far M       shortest move [m] (default: 0.3)
 --facts       all facts that changed instead
---all         all changes, not only the first 8
+--all         all changes, not only the first 6
 --json
 """
 
@@ -200,21 +198,22 @@ MAP
                              predicate and optional object of a fact
 --candidates [CATEGORY ...]  the fates of all detections, or of a category's detections, and the
                              things that were seen but are not believed
---format                     how to print it (ttl: SOSA and PROV-O; default: tree)
+--format                     how to print it (ttl: SOSA and PROV-O; default: text)
+--explain                    every step, with its rule, network, camera pose and transaction
 --json -> format             as --format json
 """
 
 
 def add_why(parser: argparse.ArgumentParser) -> None:
-    formats = {"choices": ("tree", "json", "ttl"), "default": "tree"}
+    formats = {"choices": ("text", "json", "ttl"), "default": "text"}
     declare(parser, _WHY_OPTIONS, format=formats)
 
 
 def why(arguments: argparse.Namespace) -> int:
-    """Explain a thing or a fact: the frame, rule, model, source or person behind it.
+    """Explain a thing or a fact: the frame, view, source or person behind it.
 
-    The explanation goes back to the box and camera pose, and to the transaction that wrote the
-    fact.
+    --explain goes back to the rule, the network, the box and camera pose, and to the transaction
+    that wrote the fact.
 
     examples: hereabouts why kitchen.map object/17; hereabouts why kitchen.map 'object/17
     here:inPlace place/1'; hereabouts why kitchen.map --candidates keyboard
@@ -223,6 +222,7 @@ def why(arguments: argparse.Namespace) -> int:
         return _candidates(arguments)
     if not arguments.what:
         arguments.usage_error("give WHAT to explain, e.g. object/17, or --candidates")
+    from kg.history.reports.events import reason_sentences, reasons_text
     from kg.history.reports.prov_export import provenance
     from kg.serving.client.record_codec import reason_to_json
     from kg.serving.opening import open_map
@@ -237,8 +237,8 @@ def why(arguments: argparse.Namespace) -> int:
     elif arguments.format == "json":
         write_json([reason_to_json(reason) for reason in reasons])
     else:
-        for reason in reasons:
-            out().print(_tree(reason), soft_wrap=True)
+        told = reason_sentences(reasons)
+        write(reasons_text(reasons) if arguments.explain else "\n".join(told))
         for path in pictures:
             write(f"picture: {path}")
     return 0
@@ -266,21 +266,3 @@ def _pictures(semantic_map: SemanticMap, reasons: Sequence[Explanation]) -> list
     pictures = ObjectPictures(folder)
     records = semantic_map.perceived.objects({r.iri for r in reasons if r.iri is not None})
     return [path for record in records if (path := pictures.path_of(record)) is not None]
-
-
-def _tree(reason: Explanation) -> Tree:
-    from rich.text import Text
-    from rich.tree import Tree
-
-    tree = Tree(Text(reason.text, style="bold"), guide_style="dim")
-    _grow(tree, reason)
-    return tree
-
-
-def _grow(tree: Tree, reason: Explanation) -> None:
-    from rich.text import Text
-
-    from kg.history.reports.events import label_of
-
-    for behind in reason.because:
-        _grow(tree.add(Text.assemble((label_of(behind), "dim"), behind.text)), behind)

@@ -323,9 +323,9 @@ def print_outcome(
     _note_detector(report, arguments)
     _note_sizes(semantic_map)
     if report.doubted:
-        note(_doubted(report, arguments.into))
-    note_unnamed(semantic_map, arguments.into)
-    note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
+        note(_doubted(report))
+    note_unnamed(semantic_map)
+    note("next: hereabouts ask MAP objects, hereabouts find MAP cup")
 
 
 def _note_sizes(semantic_map: SemanticMap) -> None:
@@ -345,13 +345,13 @@ def _note_sizes(semantic_map: SemanticMap) -> None:
         )
 
 
-def _doubted(report: MappingReport, address: str) -> str:
+def _doubted(report: MappingReport) -> str:
     """The line about things that were seen but are not believed."""
     from hereabouts.cli.candidates import listed_things
 
     count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
     found = listed_things(report.most_probable)
-    return f"{count} seen but not believed: {found} (hereabouts why {address} --candidates)"
+    return f"{count} seen but not believed: {found} (hereabouts why MAP --candidates)"
 
 
 def _note_labels(report: MappingReport) -> None:

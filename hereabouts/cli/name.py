@@ -70,12 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
         return _name(semantic_map, wanted, arguments)
 
 
-def note_unnamed(semantic_map: SemanticMap, address: str, place: str | None = None) -> None:
+def note_unnamed(semantic_map: SemanticMap, place: str | None = None) -> None:
     """A line about the things without a name in a map, or in a place (an IRI), if there are any."""
     from planner.search.goals.place_names import counted_unnamed
 
     if unnamed := counted_unnamed(semantic_map, place):
-        note(f"and {unnamed}; hereabouts name {address} --review FILE.html shows them")
+        note(f"and {unnamed}; `hereabouts name MAP --review FILE.html` shows them")
 
 
 def _name(
@@ -170,7 +170,7 @@ def _review(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
         note(
             f"{arguments.review}: {len(things)} things with pictures, {nameless} of them not named"
         )
-        note(f"next: hereabouts name {arguments.map} --from names.csv --by YOU")
+        note("next: hereabouts name MAP --from names.csv --by YOU")
     return 0
 
 

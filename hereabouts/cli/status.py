@@ -17,7 +17,15 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import declare
-from hereabouts.cli.console import json_value, note, print_table, without_details, write, write_json
+from hereabouts.cli.console import (
+    json_value,
+    note,
+    print_table,
+    with_map,
+    without_details,
+    write,
+    write_json,
+)
 from kg.model.shares import chance, percent
 
 if TYPE_CHECKING:
@@ -56,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     write(f"{found.target}: {found.value}. {found.proof[:1].upper()}{found.proof[1:]}.")
     for line in lines:
-        write(f"{line}.")
+        write(with_map(f"{line}."))
     if found.places:
         table = (
             (
@@ -122,7 +130,7 @@ def _perhaps(
         return answer_lines(doubted, time.time())
     if found.value == "present" or arguments.place is not None or not found.detectable:
         return []
-    line = detections_in_vain(semantic_map, found.target, arguments.map)
+    line = detections_in_vain(semantic_map, found.target)
     return [line] if line else []
 
 

@@ -21,6 +21,8 @@ from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import ViewPlan, plan
 from planner.simulation.house_robot import SimulatedHouseRobot
 
+_LITTLE = 0.01  # chance of a look below which its events are not told
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSearch:
@@ -107,17 +109,26 @@ def carry_out(
     return DrivenSearch(outcome, tuple(events), robot.driven, p_found)
 
 
-def in_short(events: Iterable[Event]) -> Iterator[str]:
-    """Lines of events; a plan has its weightiest reason, without sources and not repeated."""
-    before = ""
+def in_short(events: Iterable[Event]) -> Iterator[tuple[float, str]]:
+    """Seconds and lines of events; a plan has its weightiest reason, without sources, once.
+
+    Looks in vain that promised less than `_LITTLE` are left out.
+    """
+    before, little = "", False
     for event in events:
+        at = float(event.data["seconds"])
+        if event.kind == "plan":
+            little = event.data["probability"] < _LITTLE
+        if little and (event.kind == "plan" or (event.kind == "look" and not event.data["found"])):
+            continue
         if event.kind != "plan" or not event.data["why"]:
-            yield event.text
+            yield at, event.text
             continue
         reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
         why = f": {fact_chain(reason.split('; '))}" if reason != before else ""
         before = reason
+        chance = percent(data["probability"])
         yield (
-            f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with "
-            f"{percent(data['probability'])}{why}"
+            at,
+            f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with {chance}{why}",
         )

@@ -28,7 +28,7 @@ class SearchOutcome:
     @property
     def line(self) -> str:
         """One line for people."""
-        after = f"after {self.seconds:.0f} s and {self.looks} looks"
+        after = f"after {self.seconds:.0f} s and {self.looks} look{'s' * (self.looks != 1)}"
         if self.state == "found":
             return f"found {after}"
         rest = f"it is still there with {percent(self.left)}"

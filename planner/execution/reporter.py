@@ -27,7 +27,7 @@ class Reporter:
     def begin(self, log: SearchLog, left: float) -> None:
         """A search begins or is resumed."""
         record, looks = log.record, len(log.looks)
-        verb = f"resumes after {looks} looks" if looks else "begins"
+        verb = f"resumes after {looks} look{'s' * (looks > 1)}" if looks else "begins"
         self._emit(
             "begin",
             f"{log.name} for {', '.join(record.words)} {verb}: on this floor with a chance of "

@@ -13,7 +13,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.moments import since
-from planner.questions.named_things import NAMED, counted, counted_kinds, plural
+from planner.questions.named_things import NAMED, counted, counted_kinds
 from planner.questions.patterns import EVENTS, Kind, PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.questions.thing_answers import ThingAnswers
@@ -25,7 +25,7 @@ from planner.search.goals.place_names import (
     spoken_places,
     titled_places,
 )
-from planner.search.goals.search_goals import with_article
+from planner.search.goals.search_goals import plural, with_article
 from planner.search.goals.status import Value, status, usual_size, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
@@ -135,7 +135,11 @@ class Answerer(ThingAnswers):
         titles = {str(row["object"]): str(row["label"] or "") for row in rows_now}
         for kind in ("appeared", "gone", "moved", "relabelled"):
             of_kind = [change for change in changes if change.kind == kind]
-            some = [titles.get(f"{base}{c.iri}") or self._title_of(c) for c in of_kind]
+            moved = " from {} to {}" if kind == "moved" and target is not None else ""
+            some = [
+                (titles.get(f"{base}{c.iri}") or self._title_of(c)) + moved.format(*c.sides)
+                for c in of_kind
+            ]
             lines += _named(kind.capitalize(), some)
         rooms = [
             room

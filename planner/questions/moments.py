@@ -8,7 +8,8 @@ from typing import Final
 from kg.history.timestamps import instant, iso, moment
 
 _PART: Final = re.compile(r"(.*day) (morning|afternoon|evening|night)")
-_HOURS: Final = {"morning": 12, "afternoon": 18, "evening": 24, "night": 24}  # when it ends
+#: hours when a part of a day begins and ends
+_HOURS: Final = {"morning": (5, 12), "afternoon": (12, 18), "evening": (18, 24), "night": (21, 24)}
 _FIRST: Final = ("since ", "in the ", "during the ", "over the ", "within the ", "after ")
 
 
@@ -18,15 +19,20 @@ def past(words: str, now: float) -> float:
     Of ``yesterday evening`` as well. Raises HistoryError as `instant`.
     """
     if part := _PART.fullmatch(words.casefold()):
-        return min(now, moment(instant(part[1], now)) + 3600.0 * _HOURS[part[2]])
+        return min(now, moment(instant(part[1], now)) + 3600.0 * _HOURS[part[2]][1])
     begun, text = moment(instant(words, now)), words.casefold()
     lasts = 43200.0 if text.endswith("morning") else 86400.0
     return min(now, begun + lasts) if re.search(r"(?:day|night|morning)$", text) else begun
 
 
 def since(words: str, now: float) -> str:
-    """As `instant`, after a preposition, too; the day before `now` for no words or ``lately``."""
+    """As `instant`, after a preposition, too; the day before `now` for no words or ``lately``.
+
+    Of ``yesterday evening``, its beginning.
+    """
     text = words.casefold()
     for first in _FIRST:
         text = text.removeprefix(first)
+    if part := _PART.fullmatch(text):
+        return iso(moment(instant(part[1], now)) + 3600.0 * _HOURS[part[2]][0])
     return iso(now - 86400.0) if text in ("", "lately", "recently") else instant(text, now)

@@ -17,7 +17,7 @@ from planner.questions.patterns import ROBOT, PlainAnswer, Question
 from planner.questions.recognition import is_known_word, target_named
 from planner.search.goals.known_objects import KnownObject, known_objects
 from planner.search.goals.place_names import listed, spoken_places
-from planner.search.goals.search_goals import with_article
+from planner.search.goals.search_goals import plural, with_article
 from planner.search.goals.targets import Target
 
 NAMED: Final = 8  # kinds of things, things, or places, in a sentence
@@ -134,37 +134,6 @@ class NamedThings:
         columns = tuple(rows[0]) if rows else ()
         table = tuple(tuple(row.values()) for row in rows)
         return PlainAnswer(self._question.kind, query, parameters, tuple(lines), columns, table)
-
-
-_PLURALS: Final = {
-    "person": "people",
-    "man": "men",
-    "woman": "women",
-    "child": "children",
-    "knife": "knives",
-    "shelf": "shelves",
-    "mouse": "mice",
-    "tooth": "teeth",
-    "foot": "feet",
-    **{one: one for one in ("sheep", "scissors", "skis", "glasses", "trousers", "furniture")},
-}
-
-
-def plural(noun: str) -> str:
-    """Several of a noun: ``benches``, ``teddy bears``, ``things to sit on``."""
-    head, to, use = noun.partition(" to ")
-    if to:
-        several = "things" if head.endswith(("thing", "things")) else plural(head)
-        return f"{several} to {use}"
-    first, _, last = noun.rpartition(" ")
-    if last not in _PLURALS:
-        if last.endswith("y") and last[-2:-1] not in "aeiou":
-            several = f"{last[:-1]}ies"
-        else:
-            several = last + ("es" if last.endswith(("s", "x", "z", "ch", "sh")) else "s")
-    else:
-        several = _PLURALS[last]
-    return f"{first} {several}".strip()
 
 
 def counted_kinds(rows: Iterable[Row], catalogue: Catalogue) -> str:

@@ -29,7 +29,6 @@ ROBOT: Final = "robot"  # in place of a thing, the last pose of the robot
 #: kinds of changes that a word of a question means; none: all
 EVENTS: Final[dict[str, tuple[str, ...]]] = {
     "move": ("moved",),
-    "appear": ("appeared",),
     "new": ("appeared",),
     "gone": ("gone",),
 }
@@ -146,6 +145,9 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         again = language.respelt(words, known)
         if again != words and (gaps := language.read(again)):
             return language, {**gaps, "read_as": again}
+    simpler = [(language, language.simpler(words)) for language, words in plain]
+    if simpler != plain and (read := _by_sentence_or_clues(simpler, known)) is not None:
+        return read
     for language, words in plain[-1:]:
         name, _ = _Names(language, known).without(words)
         short = len(name.split()) <= _MAX_NAME or name.split()[-1].isdigit()
@@ -160,7 +162,8 @@ def _by_sentence_or_clues(
     """The reading of a sentence; clues go first where one of its names has other words in it."""
     read = [(one, w, one.read(w) or {}) for one, w in plain]
     for language, _, gaps in read:
-        given = [gaps.get(gap, "") for gap in _NAMED]
+        here = language.one_of("here").fullmatch(gaps.get("other", ""))
+        given = [gaps.get(gap, "") for gap in _NAMED if gap != "other" or not here]
         names = [_Names(language, known).without(name)[0] for name in given]
         unknown = [name for name in names if not known(name)]
         if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
@@ -248,4 +251,7 @@ class _Names:
             qualities += [parts[0]] if is_quality else []
             parts.pop(0)
         name = " ".join(parts)
+        number = self.language.lists["number"].get(parts[-1]) if len(parts) > 1 else None
+        if number and not self.known(name):  # chair three
+            name = " ".join([*parts[:-1], number])
         return _NUMBERED.sub(r"object \1", name), tuple(qualities)

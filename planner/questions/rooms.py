@@ -13,7 +13,6 @@ from kg.model.errors import QueryParameterError
 from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from kg.model.shares import percent
-from planner.questions.named_things import plural
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -22,7 +21,7 @@ from planner.search.goals.place_names import (
     places_called,
     spoken_places,
 )
-from planner.search.goals.search_goals import times, with_article
+from planner.search.goals.search_goals import plural, times, with_article
 
 _LISTED: Final = 8  # places, or doors, in an answer
 _WALL: Final = 0.3  # [m] greatest distance of places on both sides of a wall, ...
@@ -80,6 +79,7 @@ class _Answerer:
             "around": self._next_to,
             "size": self._areas,
             "why": self._reasons,
+            "certainty": self._reasons,
             "compare": self._compared,
         }
         if question.kind == "size" and question.what in WHOLE:
@@ -138,12 +138,14 @@ class _Answerer:
 
     def _reasons(self, rooms: _Rooms) -> list[str]:
         """Kinds of places, and the number of views and things that tell of them."""
-        lines = [
-            f"{_capital(place.label)} is believed to be {_kind(self._map, place) or 'no kind'}: it "
-            f"was viewed {times(place.views)}, and {len(place.evidence_objects) or 'no'} "
-            f"thing{'s' * (len(place.evidence_objects) != 1)} in it tell of its kind"
-            for place in rooms.sure[:_LISTED]
-        ]
+        lines = list[str]()
+        for place in rooms.sure[:_LISTED]:
+            kind, things = _kind(self._map, place) or "no kind", len(place.evidence_objects)
+            lines.append(
+                f"{_capital(self._name(place))} is believed to be {kind}: it was viewed "
+                f"{times(place.views)}, and {things or 'no'} thing{'s' * (things != 1)} in it tell "
+                "of its kind"
+            )
         return [*lines, *self._perhaps(rooms)] or [self._none(rooms)]
 
     def _status(self, rooms: _Rooms) -> list[str]:

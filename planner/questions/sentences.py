@@ -168,6 +168,12 @@ class Language:
         gaps = next((one for one in found if one is not None), None)
         return gaps and {**gaps, "at": at}
 
+    def simpler(self, words: str) -> str:
+        """Plain words without what a person tells first: ``i am thirsty, where is a cup``."""
+        *told, asked = words.split(", ")
+        is_told = bool(told) and all(map(self.one_of("first_person").match, told))
+        return self.plain(asked) if is_told else words
+
     def respelt(self, words: str, known: Callable[[str], bool]) -> str:
         """Words with the small ones as they are most probably meant: ``wher`` is ``where``.
 

@@ -208,8 +208,11 @@ class ThingAnswers(NamedThings):
             raise QueryParameterError("the map has no floor and no places, so no way is known")
         if not math.isfinite(found.metres):
             return self._made("", [f"No way from {begin} to {end} is known", *found.notes])
-        through = [self._title(crossing.places[1].iri) for crossing in found.crossings]
-        by = f", through {', then '.join(through)}" if through else ", in the same place"
+        entered = [crossing.places[1] for crossing in found.crossings]
+        if entered and entered[-1].contains(*goal):
+            entered.pop()
+        through = ", then ".join(self._title(place.iri) for place in entered)
+        by = f", through {through}" if through else "" if found.crossings else ", in the same place"
         seconds = found.metres / SPEED
         line = f"From {begin} to {end}: {found.metres:.1f} m{by}; the robot needs {seconds:.0f} s"
         return self._made("", [line, *found.notes])

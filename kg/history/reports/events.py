@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from kg.history.reports.explanation import Explanation
 from kg.history.reports.report_names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, quads_of
-from kg.history.timestamps import iso, short, word
+from kg.history.timestamps import iso, moment, short, spoken, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
@@ -150,9 +151,9 @@ class _Summary:
             yield f"there with {chance(existence)}"
 
     def _is_as_told(self, existence: float) -> bool:
-        """Whether an existence is near that of the summary, on the same side of an even chance."""
+        """Whether an existence is near that of the summary; less near across an even chance."""
         same_side = (existence >= 0.5) == (self._existence >= 0.5)
-        return same_side and abs(existence - self._existence) < _SURER
+        return abs(existence - self._existence) < (_SURER if same_side else _SURER / 2)
 
 
 def _left(added: dict[Term, list[Term]]) -> str:
@@ -234,6 +235,12 @@ _LABELS: Final = {
     "person": "by",
     "view": "views",
 }
+_OF_MACHINES: Final = frozenset(("rule", "model", "pose", "commit", "change"))
+_MOST_SENTENCES: Final = 8
+_BRIEF: Final = re.compile(r"[:;,]| \(")  # the end of a rule's first words
+_MOMENT: Final = re.compile(r"(?: at)? (\d{4}-\d\d-\d\dT[\d:.]+Z)")
+#: what of steps only machines use: the box of an observation, the frames of views
+_BOX: Final = re.compile(r": box [^;]*|, last [^;]*/[^;]*")
 
 
 def log_text(entries: Iterable[HistoryEvent]) -> str:
@@ -263,16 +270,55 @@ def comparison_text(found: Comparison) -> str:
 def reasons_text(reasons: Iterable[Explanation]) -> str:
     """A line for each step, indented by its depth."""
     return _lines(
-        f"{'  ' * depth}{label_of(step)}{step.text}"
+        f"{'  ' * depth}{_label_of(step)}{step.text}"
         for reason in reasons
         for depth, step in reason.walk()
     )
 
 
-def label_of(step: Explanation) -> str:
+def _label_of(step: Explanation) -> str:
     """Relation of a step to the one before it, as ``evidence: ``; empty for things and facts."""
     label = _LABELS.get(step.kind, step.kind)
     return f"{label}: " if label else ""
+
+
+def reason_sentences(reasons: Iterable[Explanation]) -> list[str]:
+    """Short sentences on what stands behind facts: views, beliefs, people; less than ten.
+
+    Without the rules, networks, poses and transactions, which `reasons_text` has.
+    """
+    lines = list[str]()
+    for reason in reasons:
+        lines += [reason.text] if reason.kind == "thing" else []
+        steps = reason.because if reason.kind == "thing" else (reason,)
+        lines += [_sentence(step) for step in steps if step.kind not in _OF_MACHINES]
+    rest = len(lines) - _MOST_SENTENCES
+    return [*lines[:_MOST_SENTENCES], *([f"and {rest} more"] if rest > 0 else [])]
+
+
+def _sentence(step: Explanation) -> str:
+    """A step with what is behind it: ``Cup 9 is a cup: seen best in frame-000259 of tour``."""
+    rules = [_BRIEF.split(one.text)[0] for one in step.because if one.kind == "rule"]
+    behind = [*(rule for rule in rules if rule.startswith("the size ")), *_behind(step)]
+    commits = [one for one in step.because if one.kind == "commit" and one.time is not None]
+    for one in commits:
+        said = [person.text for person in one.because if not person.text.startswith("search/")]
+        behind += [f"{who} said so {spoken(one.time or 0.0)}" for who in said]
+    if not behind:
+        behind = [*rules[-1:], *(f"since {spoken(one.time or 0.0)}" for one in commits)]
+    text = f"{step.text}: {'; '.join(behind)}" if behind else step.text
+    text = _MOMENT.sub(lambda found: f" {spoken(moment(found[1]))}", _BOX.sub("", text))
+    return text[:1].upper() + text[1:]
+
+
+def _behind(step: Explanation) -> Iterator[str]:
+    things = [one for one in step.because if one.kind == "thing"]
+    for one in step.because:
+        if one.kind not in _OF_MACHINES and one not in things:
+            yield f"by {one.text}" if one.kind == "person" else one.text
+            yield from _behind(one)
+    if things:
+        yield f"{len(things)} thing{'s' * (len(things) > 1)} in it"
 
 
 def _cause(entry: HistoryEvent) -> str:

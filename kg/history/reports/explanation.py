@@ -102,8 +102,9 @@ class Explainer(FactReader):
             reasons += self._observation(iri)
         if not reasons:
             reasons = [self.fact(q) for q in facts]
-        if (note := self._assertion(iri, "note")) is not None:
-            reasons.append(self._asserted(note, "note"))
+        for prop in ("label", "existence", "position", "note"):
+            if (node := self._assertion(iri, prop)) is not None:
+                reasons.append(self._asserted(node, prop))
         return Explanation(
             *("thing", self._name(iri, facts), iri.value),
             (*reasons, *self._last(facts)),
@@ -254,7 +255,7 @@ class Explainer(FactReader):
         frame, recording, when, box, score, model = (self._called(node, name) for name in wanted)
         detected = model != SURFACE
         number = f"score {score}" if detected else f"share in the open {score}"
-        text = f"seen in {frame} of {recording} at {when}: box {box} px, {number}"
+        text = f"seen best in {frame} of {recording} at {when}: box {box} px, {number}"
         behind = [Explanation("model", f"detector {model}")] if detected else []
         for quad in self._quads(node, v.FRAME)[:1]:
             sequence = self._changes.sequence_of(quad)

@@ -60,6 +60,8 @@ class Names:
             is_place = getattr(subject, "value", "") in self._titles
             label = self._labels(subject, v.MAP_GRAPH) if is_place else ""
             article = "an" if known[:1].lower() in tuple("aeiou") else "a"
+            if known == name != "robot":  # a category that a person named
+                return f"{name} has a name of its own"
             return f"{label or name} is {article} {known}" if known else f"the kind of {name}"
         verb = _VERBS.get(getattr(predicate, "value", ""), "")
         return f"{name} {verb} {known}" if verb and known else f"{name}: {word(predicate)} {known}"

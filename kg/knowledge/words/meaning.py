@@ -99,7 +99,7 @@ class Meaning:
         wider = [one for one in self.categories if not one.undetected]
         labels = listed([one.label for one in wider])
         typed = f"'{self.text}' is read as {self.word}" if self.how == "spelling" else ""
-        own = name_key(self.word if typed else self.text)
+        own = name_key(self.word if typed else " ".join(_words_of(self.text)))
         if not labels or name_key(labels) in readings(own):
             return typed
         subject = f"{typed}, and {self.word}" if typed else f"'{self.text}'"
@@ -214,12 +214,10 @@ class _Reader:
         names = self._names()
         close = [names[key] for key in suggestions(name_key(text), names)]
         hint = f"; did you mean {' or '.join(dict.fromkeys(close))}?" if close else ";"
-        groups = sorted(c.label for c in self.catalogue.categories if c.kind == "supercategory")
         count = sum(c.kind == "object" for c in self.catalogue.categories)
         return (
-            f"no category '{shown}'{hint} there are {count} categories of objects, "
-            f"the supercategories {', '.join(groups)}, and {len(self.table.senses):,} words, "
-            "without brands"
+            f"no category '{shown}'{hint} it is none of the {count} kinds of objects known here, "
+            f"nor of {len(self.table.senses):,} other words"
         )
 
     def _names(self) -> dict[str, str]:

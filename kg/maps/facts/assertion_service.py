@@ -164,7 +164,7 @@ class AssertionService:
             if prop not in asserted:
                 hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
                 raise InvalidFactError(
-                    f"the {prop} of {iri} is not asserted; "
+                    f"the {prop} of {record.iri.removeprefix(self._facts.base)} is not asserted; "
                     f"asserted of it: {', '.join(sorted(asserted)) or 'nothing'}{hint}"
                 )
             if by is not None and asserted[prop].by != by:

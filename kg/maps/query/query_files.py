@@ -273,7 +273,7 @@ def find_query(name: str) -> ParameterizedQuery:
     if name not in names:
         near = did_you_mean(name, names)
         raise UnknownQueryError(
-            f"no query {name[:60]!r}{near}{'' if near else ';'} hereabouts queries lists them"
+            f"no query {name[:60]!r}{near}{'' if near else ';'} `hereabouts queries` lists them"
         )
     return _shipped(name)
 

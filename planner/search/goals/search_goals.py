@@ -7,6 +7,7 @@ is located.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -188,6 +189,38 @@ def observed(row: Row, place: str = "place") -> str:
 def times(count: float) -> str:
     """A count in words: once, twice, 3 times."""
     return {1: "once", 2: "twice"}.get(round(count), f"{count:.0f} times")
+
+
+_PLURALS: Final = {
+    "person": "people",
+    "man": "men",
+    "woman": "women",
+    "child": "children",
+    "knife": "knives",
+    "shelf": "shelves",
+    "mouse": "mice",
+    "tooth": "teeth",
+    "foot": "feet",
+    **{one: one for one in ("sheep", "scissors", "skis", "glasses", "trousers", "furniture")},
+}
+
+
+def plural(noun: str) -> str:
+    """Several of a noun: ``benches``, ``teddy bears``, ``things to sit on``."""
+    head, to, use = noun.partition(" to ")
+    if to:
+        several = "things" if head.endswith(("thing", "things")) else plural(head)
+        return f"{several} to {use}"
+    first, _, last = noun.rpartition(" ")
+    if last not in _PLURALS:
+        if last.endswith("y") and last[-2:-1] not in "aeiou":
+            several = f"{last[:-1]}ies"
+        else:
+            several = last + ("es" if last.endswith(("ss", "us", "x", "z", "ch", "sh")) else "s")
+            several = last if re.search("[^su]s$", last) else several  # it names several already
+    else:
+        several = _PLURALS[last]
+    return f"{first} {several}".strip()
 
 
 _MAX_NAMED: Final = 3  # objects named: an apple in a bowl on a table

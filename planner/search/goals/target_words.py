@@ -241,11 +241,10 @@ def _how_often(usual: UsualPlaces) -> str:
 
 
 def _where(usual: UsualPlaces) -> str:
-    """``on a table or on a hook in the corridor or kitchen (common knowledge, no counts)``."""
+    """``on a table or on a hook in the corridor or kitchen``."""
     supports = listed(usual.supports)
     if usual.source == "stated":
         rooms = listed([plain_place(place.label) for place in usual.places])
-        rooms += " (common knowledge, no counts)"
     else:
         unit = "such rooms have one" if usual.source == "homes" else "activities with one"
         first, *others = usual.places

@@ -21,7 +21,8 @@ from planner.search.goals.place_names import is_unnamed, object_named
 from planner.search.goals.target_words import Undetectable, meaning_of, undetectable
 
 _NEED: Final = re.compile(
-    r"(?:(?:some|any)(?:thing|where|place)|a thing|things|what)(?: (?:i|one|we) can)?(?: to)? (.+)",
+    r"(?:(?:some|any)(?:thing|where|place)|a (?:thing|place|spot)|things|places|what)"
+    r"(?: (?:i|one|we) can)?(?: to)? (.+)",
     re.IGNORECASE,
 )
 _NAMES: Final = ("label", "word", "folded")  # how names of single things are understood

@@ -6,6 +6,7 @@ and that it has not been moved since it was last seen (`mapping.persistence`).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -19,7 +20,7 @@ from kg.model.shares import chance, percent
 from mapping.looks.word_looks import compares_texts
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import in_words
-from planner.search.goals.search_goals import times, with_article
+from planner.search.goals.search_goals import plural, times, with_article
 from planner.search.goals.status import Value, status
 from planner.search.goals.target_words import alike_here
 from planner.search.goals.targets import Target
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from planner.search.plans.search_state import PlanningState
     from planner.search.plans.view_plan import ViewPlan
 
-_SURELY: Final = 0.95  # probability from which on an object is said to be there, ...
+SURELY: Final = 0.95  # probability from which on an object is said to be there, ...
 PROBABLY: Final = 0.5  # ... to be there probably, ...
 _PERHAPS: Final = 0.2  # ... and to be there perhaps; below, it was probably moved
 _DOUBTED: Final = 3  # objects that are listed where none is sure
@@ -39,6 +40,7 @@ _NONE: Final[Mapping[Value, str]] = {
     "hidden": ", but not everything was viewed",
     "never looked": ", but nobody looked",
 }
+_OTHERWISE: Final = 0.1  # least probability of another category that is named
 _GUESS: Final = 0.01  # least probability of a place that is named as a guess
 
 
@@ -64,7 +66,8 @@ def find_sentences(
     known = known_of(semantic_map, target, state)
     looks = _looks(semantic_map, target)
     if known:
-        lines = answer_lines(known, now, target, rooms=_room_probabilities(state), most=most)
+        rooms, shown = _room_probabilities(state), _shown_first(found)
+        lines = answer_lines(known, now, target, rooms=rooms, shown=shown, most=most)
         return [*lines, *looks]
     guess = _guess(semantic_map.catalogue, target, state, found)
     if target.iri is None:
@@ -102,6 +105,7 @@ def answer_lines(
     target: Target | None = None,
     *,
     rooms: Mapping[str, float] | None = None,
+    shown: Sequence[str] = (),
     most: int = LISTED,
 ) -> list[str]:
     """Known objects in sentences: whereabouts, sightings, probability to be there still.
@@ -111,18 +115,39 @@ def answer_lines(
         now: Moment that ages count to [s since 1970].
         target: The word that they were found for.
         rooms: Probability that an object is in its room, by IRI.
+        shown: IRIs of objects in the order in which a plan shows them; of those that are probably
+            there, these come first.
         most: Number of objects that are listed.
     """
     second = frozenset[str]() if target is None else target.second
-    ranked = sorted(
-        known, key=lambda one: (not one.sure, one.category in second, -one.still_there(now))
-    )
+    at = {iri: number for number, iri in enumerate(shown)}
+
+    def rank(one: KnownObject) -> tuple[bool, bool, bool, int, float]:
+        p = one.still_there(now)
+        order = at.get(one.iri, len(at)) if p >= PROBABLY else 0
+        return not one.sure, one.category in second, p < PROBABLY, order, -p
+
+    ranked = sorted(known, key=rank)
     listed = [one for one in ranked if one.sure][:most] or ranked[: min(most, _DOUBTED)]
     lines = [_sentence(one, now, rooms or {}) for one in listed]
-    if rest := len(known) - len(listed):
-        less = "perhaps " if not ranked[len(listed)].sure else ""
-        lines.append(f"and {less}{rest} more")
+    if rest := ranked[len(listed) :]:
+        sure = [one for one in rest if one.sure]
+        kinds = Counter(one.category for one in sure or rest)
+        named = (f"{n} {kind if n == 1 else plural(kind)}" for kind, n in kinds.most_common())
+        of = f": {', '.join(named)}" if target is not None and len(target.kinds) > 1 else ""
+        doubted = len(rest) - len(sure)
+        others = f", and perhaps {doubted} other{'s' * (doubted > 1)}" if doubted else ""
+        more = f"{len(sure)} more{of}{others}" if sure else f"perhaps {doubted} more{of}"
+        lines.append(f"and {more}")
     return lines
+
+
+def _shown_first(found: ViewPlan | None) -> list[str]:
+    """IRIs of the known objects that a plan looks for, in the order of its looks."""
+    reasons = (reason for step in (found.steps if found else ()) for reason in step.why)
+    return list(
+        dict.fromkeys(one.candidate.iri for one in reasons if one.candidate.kind == "known")
+    )
 
 
 def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
@@ -133,14 +158,14 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     if one.own is not None:
         name += f", which may be {with_article(one.category)},"
     seen = _sightings(one, now)
-    still = " still" if kept < _SURELY else ""
+    still = " still" if kept < SURELY else ""
     if p < _PERHAPS and still and (one.sure or kept < _PERHAPS):
         room = rooms.get(one.iri, 0.0)
         room_too = f", in the same room with {percent(room)}" if room >= p + _GUESS else ""
         there = f"still there with {chance(p)}{room_too}"
         return f"Probably no longer {one.where}: {name} {seen} ({there}){_besides(one)}"
     lead = "Probably" if p >= PROBABLY and one.sure else "Perhaps"
-    if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
+    if p >= SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
         lead = ""
     where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
     where = f"{where[:1].upper()}{where[1:]}"
@@ -164,8 +189,9 @@ def _besides(one: KnownObject) -> str:
     """Other categories, and the search that found the object."""
     words = ""
     if one.own is None and one.may_be:
-        may_be = (f"{with_article(other)} ({percent(p)})" for other, p in one.may_be)
-        words = f"; it may also be {' or '.join(may_be)}"
+        others = (f"{with_article(k)} ({percent(p)})" for k, p in one.may_be if p >= _OTHERWISE)
+        named = " or ".join(others)
+        words = f"; it may also be {named}" if named else ""
     if one.found_by is not None:
         words += "; found by a search"
     return words
@@ -201,13 +227,14 @@ def _guess(
     best = int(np.argmax(p)) if len(p) else 0
     if not len(p) or p[best] < _GUESS:
         return ""
-    lead = "; if it is here, then most probably in"
     first = found.steps[0] if found is not None and found.steps else None
     reason = first.why[0].candidate if first is not None and first.why else None
-    if first is not None and (reason is None or state.targets[reason.target] is target):
-        shown = None if reason is None else reason.place
-        best = state.rooms.index(shown if shown in state.rooms else first.place)
-        lead = "; the first look is in"
-        if state.rooms[best] != first.place:
-            lead = f"; the first look is from {in_words(catalogue, first.place_name)} into"
-    return f"{lead} {in_words(catalogue, state.room_names[best])} ({percent(min(p[best], 1.0))})"
+    if first is None or (reason is not None and state.targets[reason.target] is not target):
+        room = in_words(catalogue, state.room_names[best])
+        return f"; if it is here, then most probably in {room}"
+    shown = None if reason is None else reason.place
+    room = state.rooms.index(shown if shown in state.rooms else first.place)
+    lead = "in"
+    if state.rooms[room] != first.place:
+        lead = f"from {in_words(catalogue, first.place_name)} into"
+    return f"; the first look is {lead} {in_words(catalogue, state.room_names[room])}"

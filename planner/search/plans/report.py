@@ -16,7 +16,7 @@ from kg.model.shares import chance, percent
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
 from planner.search.goals.targets import Target
-from planner.search.plans.answer_sentences import find_sentences, known_of
+from planner.search.plans.answer_sentences import SURELY, find_sentences, known_of
 from planner.search.plans.search_state import PlanningState, ViewReason
 from planner.search.plans.view_plan import (
     ViewPlan,
@@ -28,6 +28,7 @@ from planner.search.plans.view_plan import (
 _Which = tuple[int, str, str]
 
 _MAX_REASONS: Final = 5  # of a step; the others are summed up
+_HALF: Final = 0.5
 _BEARS: Final = 0.05  # share of a plan's probability from which on a reason is named
 _LITTLE: Final = 0.1  # share of a plan's probability below which its last looks are left out, ...
 _SLOWER: Final = 0.5  # ... where their gain a second is below this share of that before
@@ -142,9 +143,12 @@ def step_purpose(step: ViewStep) -> str:
     return ", ".join(dict.fromkeys(map(purpose, main_candidates(step))))
 
 
-def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+def looks_table(
+    steps: Sequence[ViewStep], wanted: int = 1
+) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Header and rows of a plan: viewpoint, direction, probability, time, probability left."""
-    header = ("", "stand at", "in", "look", "for", "chance", "after", "not found yet")
+    left = "not found yet" if wanted == 1 else "not all found yet"
+    header = ("", "stand at", "in", "look", "for", "chance", "after", left)
     return header, [
         (
             number,
@@ -163,7 +167,8 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
     """The reasons that bear the probability of `steps`: share, chain of facts without sources.
 
-    Known objects that are still in place are none: the answer has said where they were seen.
+    Known objects that are still in place are none: the answer has said where they were seen. Where
+    they bear half of the probability, the others are not worth a line.
     """
     borne: dict[tuple[str, str], float] = {}
     named: dict[tuple[str, str], Candidate] = {}
@@ -172,8 +177,10 @@ def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
         named.setdefault(key, reason.candidate)
         borne[key] = borne.get(key, 0.0) + reason.probability
     total = sum(borne.values())
+    if sum(p for (_, kind), p in borne.items() if kind == "known") >= _HALF * total:
+        return []
     return [
-        f"{percent(borne[key] / total):>5}  {_named(named[key])}"
+        f"{percent(borne[key] / total):>5} of the chance: {_named(named[key])}"
         + fact_chain(named[key].facts[named[key].kind == "moved" :])
         for key in sorted(borne, key=lambda key: (-borne[key], key))[:_MAX_REASONS]
         if borne[key] >= _BEARS * total and named[key].kind != "known"
@@ -225,23 +232,25 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     steps, rest = plan.steps[:looks], plan.steps[slice(looks, None) if looks else slice(0)]
     gain = sum(step.finds for step in steps)
     mean = sum(step.seconds * step.finds for step in steps) / gain if gain else 0.0
-    count = len(plan.targets)
-    if count == 1:
-        present = chance(plan.present)
-        text = (
-            f"{plan.targets[0]} is on this floor with a chance of {present}; "
-            f"these looks find it with {percent(gain)}, on average after {mean:.0f} s"
+    several = len(plan.targets) > 1
+
+    def told(finds: float) -> str:
+        return f"{finds:.2f}" if several else percent(finds)
+
+    one, of = len(steps) == 1, f" of {len(plan.targets)}" if several else ""
+    text = (
+        f"{'this look finds' if one else 'these looks find'} {'' if several else 'it with '}"
+        f"{told(gain)}{of}, {'' if one else 'on average '}after {mean:.0f} s"
+    )
+    if not several and plan.present < SURELY:
+        text = f"it is on this floor with a chance of {chance(plan.present)}; {text}"
+    if rest:
+        more = told(sum(step.finds for step in rest))
+        seconds = rest[-1].seconds - steps[-1].seconds
+        text += (
+            f"; {len(rest)} more look{'s' * (len(rest) > 1)} would add {more} in {seconds:.0f} s"
         )
-    else:
-        text = (
-            f"these looks are expected to find {gain:.2f} of {count}, after {mean:.0f} s on average"
-        )
-    if not rest:
-        return [text]
-    more = sum(step.finds for step in rest)
-    looks_more = f"{len(rest)} more look{'s' * (len(rest) > 1)}"
-    seconds = rest[-1].seconds - steps[-1].seconds
-    return [f"{text}; {looks_more} would add {percent(more)} in {seconds:.0f} s"]
+    return [text[:1].upper() + text[1:]]
 
 
 def step_lines(steps: Sequence[ViewStep]) -> list[str]:
@@ -298,11 +307,9 @@ def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
     """Why a plan has no looks; `budget` [s] is that of the plan."""
     what = ", ".join(found.targets)
     if found.best > 0:
-        present = chance(found.present)
         return (
-            f"Not worth looking: {what} is on this floor with a chance of {present}, and "
-            f"the best look finds it with {percent(found.best)} (--worth {found.best / 2:.1g} "
-            "plans on)"
+            f"Not worth looking: it is on this floor with a chance of {chance(found.present)}, and "
+            f"the best look finds it with {percent(found.best)}"
         )
     if budget is not None:
         return f"No look for {what} ends within {budget:.0f} s"

@@ -71,7 +71,8 @@ class ViewPlan:
         """The plan in sentences: its chance and time, then its first looks with their reasons."""
         from planner.search.plans.report import plan_lines, step_lines
 
-        return "\n".join([*plan_lines(self), *step_lines(self.steps[:SHOWN])])
+        told, *more = [*plan_lines(self), *step_lines(self.steps[:SHOWN])]
+        return "\n".join([f"{', '.join(self.targets)}: {told}", *more])
 
 
 def plan(

@@ -44,7 +44,7 @@ def test_a_licence_is_stored_exported_and_part_of_the_history(flat, prints, tmp_
 
 def test_check_asks_for_the_licence_and_does_not_fail(flat, capsys):
     assert main(["check", str(flat)]) == 0
-    assert "no licence: hereabouts describe" in capsys.readouterr().err
+    assert "no licence: `hereabouts describe" in capsys.readouterr().err
     assert main(["describe", str(flat), "--licence", CC_BY]) == 0
     assert main(["check", str(flat)]) == 0
     assert "no licence" not in capsys.readouterr().err.partition("transaction")[2]

@@ -24,8 +24,11 @@ def mapped(kitchen_map: Path, tmp_path: Path) -> Path:
 def test_from_an_object_to_the_frame_behind_it(mapped: Path, prints: Prints) -> None:
     (first, *_) = json.loads(prints("ask", mapped, "objects", "--format", "json"))
     name = "/".join(first["object"].split("/")[-2:])
-    tree = prints("why", mapped, name)
-    assert tree.startswith(f"{first['label']} in ") and "evidence: seen in frame-0000" in tree
+    told = prints("why", mapped, name)
+    assert told.startswith(f"{first['label']} in ") and "seen best in frame-0000" in told
+    assert len(told.splitlines()) < 10 and "transaction" not in told and "px" not in told
+    tree = prints("why", mapped, name, "--explain")
+    assert tree.startswith(f"{first['label']} in ") and "evidence: seen best in frame-0000" in tree
     assert "of kitchen at" in tree and "pose: camera at" in tree
     assert "written: transaction #" in tree
     (explained,) = json.loads(prints("why", mapped, name, "--format", "json"))

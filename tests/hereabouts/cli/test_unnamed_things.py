@@ -17,7 +17,7 @@ def written(folder: Path) -> Path:
 
 def test_lists_of_the_command_line_name_them_below(tmp_path, capsys):
     path = written(tmp_path)
-    said = f"; hereabouts name {path} --review FILE.html shows them"
+    said = f"; `hereabouts name {path} --review FILE.html` shows them"
     assert main(["ask", str(path), "summary"]) == 0
     out, err = capsys.readouterr()
     assert "unnamed" not in out

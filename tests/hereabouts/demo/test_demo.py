@@ -108,7 +108,7 @@ def test_the_apple_is_found_where_it_was_put(report: DemoReport) -> None:
 
 
 def test_each_event_is_told_in_one_line(report: DemoReport) -> None:
-    told = list(in_short(report.search.events))
+    told = [line for _, line in in_short(report.search.events)]
     assert any("found near banana (60 %)" in line for line in told)
     assert all(line and "\n" not in line and "thesis" not in line for line in told)
 

@@ -73,7 +73,7 @@ def flat() -> Iterator[SemanticMap]:
         ("Welche Zimmer liegen neben der Kueche?", ["Next to the kitchen: Ann's room (bedroom)"]),
         (
             "why is place 1 a kitchen?",
-            ["Place 1 is believed to be a kitchen (90 %): it was viewed "],
+            ["The kitchen is believed to be a kitchen (90 %): it was viewed "],
         ),
         ("how big is Ann's room", ["Ann's room (bedroom) has 16.0 m2, and is 4.0 x 4.0 m at"]),
         ("how many doors are there", ["1 door"]),

@@ -52,7 +52,7 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(semantic_
     assert answer is not None
     assert answer.answer == (
         "No detector here can see things called 'my keys'. They are usually on a table or on a "
-        "hook in the corridor or kitchen (common knowledge, no counts). This map has a corridor"
+        "hook in the corridor or kitchen. This map has a corridor"
     )
     with pytest.raises(UndetectableError, match="This map has a corridor"):
         resolve(semantic_map, ["my keys"])

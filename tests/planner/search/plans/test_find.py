@@ -1,6 +1,7 @@
 """`hereabouts.find`: what the map knows, where to look, and inputs that are none."""
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -26,7 +27,7 @@ def test_printed_it_says_what_is_known_and_the_first_looks(flat: SemanticMap) ->
     known, *looks, chances = str(answer).splitlines()
     assert known == answer.lines[0] and "cup 2 was seen there" in known
     assert looks[0].startswith("1. From (") and "cup 2" in looks[0]
-    assert chances.startswith("cup is on this floor with a chance of ")
+    assert re.search(r"[Tt]h(is look finds|ese looks find) it with ", chances)
     assert answer.plan is not None and answer.plan.steps[0].why[0].candidate.kind == "known"
 
 
