@@ -129,6 +129,7 @@ def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np
 
 def _histogram(xy: Floats, cells: int) -> NDArray[np.intp]:
     """2D histogram (cells, cells) of points (2, n) [cells]."""
-    at = np.floor(xy).astype(np.intp)
-    at = at[:, ((at >= 0) & (at < cells)).all(axis=0)]
-    return np.bincount(at[0] * cells + at[1], minlength=cells * cells).reshape(cells, cells)
+    x, y = np.floor(xy)
+    inside = (x >= 0) & (x < cells) & (y >= 0) & (y < cells)
+    at = (x * cells + y)[inside].astype(np.intp)
+    return np.bincount(at, minlength=cells * cells).reshape(cells, cells)
