@@ -121,12 +121,12 @@ def seen_voxels(
     known = np.isfinite(points.depth)
     cells = np.floor(points.xyz[:, known] / size).astype(np.int64)
     colours = rgb[: known.shape[0], : known.shape[1]][known]
-    inside = (np.abs(cells) < RANGE - SIDE).all(0)
-    if not inside.all():
+    if np.abs(cells).max(initial=0) >= RANGE - SIDE:
+        inside = (np.abs(cells) < RANGE - SIDE).all(0)
         cells, colours = cells[:, inside], colours[inside]
     keys = keys_of(cells)
     order = np.argsort(keys)
-    keys, colours = keys[order], colours[order]
+    keys, colours = keys[order], colours.take(order, axis=0)
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
     if not len(starts):
         return keys, colours
