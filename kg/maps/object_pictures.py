@@ -129,12 +129,17 @@ class ObjectPictures:
 
     def _views(self, number: str) -> list[Path]:
         """Regular files of an object's views, the latest first."""
-        found = [
-            (-path.stat().st_mtime_ns, path.name, path)
-            for path in self._folder.glob(f"{number}-*.jpg")
-            if _NAME.fullmatch(path.name) and _is_picture(path)
-        ]
-        return [path for _, _, path in sorted(found)]
+        try:
+            found = [
+                (-entry.stat().st_mtime_ns, entry.name)
+                for entry in os.scandir(self._folder)
+                if entry.name.startswith(f"{number}-")
+                and _NAME.fullmatch(entry.name)
+                and entry.is_file(follow_symlinks=False)
+            ]
+        except OSError:
+            return []  # as long as nothing has a picture
+        return [self._folder / name for _, name in sorted(found)]
 
     def _path(self, record: ObjectRecord) -> Path | None:
         number, shown = _NUMBER.fullmatch(record.iri), record.evidence
