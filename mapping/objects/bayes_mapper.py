@@ -342,7 +342,8 @@ class BayesObjectMapper(ObjectMapper):
         record = track.record()
         if self._places is not None:
             track.place = self._place(record)
-            record = replace(record, place=track.place)
+            if track.place != record.place:
+                record = replace(record, place=track.place)
         track.written, track.labels = record, dict(record.labels)
         return record
 
