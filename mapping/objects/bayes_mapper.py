@@ -215,6 +215,7 @@ class BayesObjectMapper(ObjectMapper):
             self._held.forget_categories(self._identity.departures.tracks)
             self._identity.departures.forget_unknown()
         touched = self.cache.refresh()
+        self._touched |= touched
         if touched:
             self._identity.refresh(touched)
             self._held.refresh(touched)

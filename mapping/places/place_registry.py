@@ -75,13 +75,12 @@ class PlaceRegistry:
         if not touched:
             return
         known = {record.iri: record for record in self._map.perceived.places()}
-        for iri in touched & self._places.keys():
-            self._changed.discard(iri)
-            if iri not in known:
-                del self._places[iri]
-        self._places |= {iri: record for iri, record in known.items() if iri in touched}
-        self._places = self._ordered(self._places)
-        self.revision += 1
+        self._changed -= touched
+        before = self._places
+        places = {iri: r for iri, r in before.items() if iri in known or iri not in touched}
+        places |= {iri: record for iri, record in known.items() if iri in touched}
+        self._places = self._ordered(places)
+        self.revision += [*self._places.items()] != [*before.items()]
 
     def _ordered(self, places: dict[str, PlaceRecord]) -> dict[str, PlaceRecord]:
         """Places with an asserted area first, since they claim their points before all others."""
