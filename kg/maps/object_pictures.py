@@ -9,6 +9,7 @@ import os
 import re
 import stat
 import zlib
+from contextlib import suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -129,17 +130,12 @@ class ObjectPictures:
 
     def _views(self, number: str) -> list[Path]:
         """Regular files of an object's views, the latest first."""
-        try:
-            found = [
-                (-entry.stat().st_mtime_ns, entry.name)
-                for entry in os.scandir(self._folder)
-                if entry.name.startswith(f"{number}-")
-                and _NAME.fullmatch(entry.name)
-                and entry.is_file(follow_symlinks=False)
-            ]
-        except OSError:
-            return []  # as long as nothing has a picture
-        return [self._folder / name for _, name in sorted(found)]
+        found = list[tuple[int, str]]()
+        with suppress(OSError):  # as long as nothing has a picture
+            for one in os.scandir(self._folder):
+                if one.name.startswith(f"{number}-") and one.is_file(follow_symlinks=False):
+                    found.append((-one.stat().st_mtime_ns, one.name))
+        return [self._folder / name for _, name in sorted(found) if _NAME.fullmatch(name)]
 
     def _path(self, record: ObjectRecord) -> Path | None:
         number, shown = _NUMBER.fullmatch(record.iri), record.evidence
