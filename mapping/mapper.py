@@ -267,7 +267,9 @@ class Mapper:
         if self._observed is not frame:
             self._checks.check(frame)
             self._places.refresh()
-            self._places.observe(map_points(frame, self._settings.stride, self._settings.max_depth))
+            if self._places.grows:
+                s = self._settings
+                self._places.observe(map_points(frame, s.stride, s.max_depth))
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:

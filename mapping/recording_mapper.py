@@ -48,10 +48,11 @@ def map_recording(
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
-    Three threads read frames, detect and map side by side, each in the recording's order, so that
-    the map is the same as with one thread. Each frame is one transaction: a run that ends early, by
-    an error or by being killed, leaves whole frames, and the same call continues after them. A
-    recording that has grown since keeps its transform (`mapping.runs.resumption`).
+    Three threads read frames, detect and map side by side, and two more describe key views and look
+    for things without a name. All keep the recording's order, so that the map is the same as with
+    one thread. Each frame is one transaction: a run that ends early, by an error or by being
+    killed, leaves whole frames, and the same call continues after them. A recording that has grown
+    since keeps its transform (`mapping.runs.resumption`).
 
     Args:
         recording: the frames, with their poses.

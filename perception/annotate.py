@@ -63,7 +63,7 @@ def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
 
 def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 80) -> bytes:
     """An RGB image (H, W, 3) as JPEG; `quality` from 1 to 100."""
-    bgr = np.ascontiguousarray(rgb[:, :, ::-1])
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     encoded, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not encoded:
         raise RecordingError(f"an image of {rgb.shape} cannot be encoded as JPEG")

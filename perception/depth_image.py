@@ -66,7 +66,8 @@ def _sampled(depth: NDArray[np.float32], step: int) -> Planes:
 
     depth = depth.astype(np.float32, copy=False)  # OpenCV's filter takes no other floats
     known = np.where((depth > 0) & (depth < np.inf), depth, np.float32(0))  # nan: 0
-    filled = np.where(known > 0, known, cv2.dilate(known, np.ones((3, 3))))
+    filled = cv2.dilate(known, np.ones((3, 3)))
+    np.copyto(filled, known, where=known > 0)
     z = cv2.medianBlur(filled, 5)[step // 2 :: step, step // 2 :: step]
     return np.where((z > np.float32(_NEAR)) & (z < np.float32(_FAR)), z, np.float32(0))
 
@@ -97,7 +98,9 @@ def _normals(z: Planes, x: Planes, y: Planes) -> Planes:
     plane = np.stack([a, b, mq * (xx * yy - xy * xy) - a * (x + mx) - b * (y + my)])
     length = np.sqrt(dot(plane, plane))
     good = (z > 0) & (count >= (2 * _HALF + 1) ** 2 / 2) & (length > 0)
-    return np.where(good, plane / -np.where(good, length, np.float32(1)), np.float32(0))
+    plane /= -np.where(good, length, np.float32(1))
+    np.copyto(plane, np.float32(0), where=~good)
+    return plane
 
 
 def _noise(p_cam: Planes, normals: Planes) -> float:

@@ -137,11 +137,12 @@ def _peaks(distance: NDArray[np.float32], *, along_ray: bool) -> list[Constant]:
     pairs = counts + np.append(counts[1:], 0)  # a value may lie at the border of two
     total = np.concatenate([[0], np.cumsum(counts)])
     found: list[Constant] = []
-    for at in np.flatnonzero(pairs >= max(SHARE * distance.size, 2)).tolist():
+    many = np.flatnonzero(pairs >= max(SHARE * distance.size, 2))
+    low, high = np.maximum(many - AROUND, 0), np.minimum(many + 2 + AROUND, len(counts))
+    near = total[high] - total[low] - pairs[many]
+    for at in many[near <= FEW * pairs[many]].tolist():
         here = int(pairs[at])
-        low, high = max(at - AROUND, 0), min(at + 2 + AROUND, len(counts))
-        near = int(total[high] - total[low]) - here
-        if near > FEW * here or here < max(int(p) for p in pairs[max(at - 1, 0) : at + 2]):
+        if here < max(int(p) for p in pairs[max(at - 1, 0) : at + 2]):
             continue
         if found and found[-1].value * (1 + 3 * SAME) > _LOW * np.exp((first + at) * SAME):
             continue  # the same value, as a pair with the bin before

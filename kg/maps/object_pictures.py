@@ -9,6 +9,7 @@ import os
 import re
 import stat
 import zlib
+from contextlib import suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -129,12 +130,12 @@ class ObjectPictures:
 
     def _views(self, number: str) -> list[Path]:
         """Regular files of an object's views, the latest first."""
-        found = [
-            (-path.stat().st_mtime_ns, path.name, path)
-            for path in self._folder.glob(f"{number}-*.jpg")
-            if _NAME.fullmatch(path.name) and _is_picture(path)
-        ]
-        return [path for _, _, path in sorted(found)]
+        found = list[tuple[int, str]]()
+        with suppress(OSError):  # as long as nothing has a picture
+            for one in os.scandir(self._folder):
+                if one.name.startswith(f"{number}-") and one.is_file(follow_symlinks=False):
+                    found.append((-one.stat().st_mtime_ns, one.name))
+        return [self._folder / name for _, name in sorted(found) if _NAME.fullmatch(name)]
 
     def _path(self, record: ObjectRecord) -> Path | None:
         number, shown = _NUMBER.fullmatch(record.iri), record.evidence

@@ -70,11 +70,11 @@ class SceneKeepers:
         """Add a frame; one that was not accepted is forgotten."""
         people = people_in(detections)
         with self._timer.stage("surface"):
+            self._views.add(frame, people)
             if self._surface is not None:
                 self._surface.add(frame, people)
             if self._things is not None:
                 self._things.add(frame, people)
-            self._views.add(frame, people)
         if self.pictures is not None:
             self.pictures.see(frame, detections)
         if self._looks is not None:

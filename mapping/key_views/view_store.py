@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import sqlite3
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,6 +200,8 @@ class ViewKeeper:
         self._store = ViewStore(path, semantic_map.sequence) if path and writable else None
         self._recording = recording
         self._detector = FeatureDetector()
+        self._worker = ThreadPoolExecutor(1, "views")  # describes a view beside the mapping
+        self._waiting: Future[StoredView | None] | None = None
         held = {} if self._store is None else self._store.poses()
         self._keys: list[Key] = list(held)
         self._poses: list[Pose] = list(held.values())
@@ -206,22 +209,26 @@ class ViewKeeper:
 
     def add(self, frame: Frame, people: Boxes) -> None:
         """Add a frame, for `save` and `accept`, without what is in the boxes of `people`."""
-        self._new = None
-        T = frame.T_map_cam
-        if self._store is None or not is_new(T, self._poses):
-            return
+        self._new = self._waiting = None
+        if self._store is not None and is_new(frame.T_map_cam, self._poses):
+            self._waiting = self._worker.submit(self._described, frame, people)
+
+    def _described(self, frame: Frame, people: Boxes) -> StoredView | None:
+        """The view of a frame; None where it has too few features."""
         view, _ = view_of(frame, self._detector, without=people)
-        if len(view.features) >= MIN_FEATURES:
-            self._new = StoredView(self._recording, frame.id, view)
+        enough = len(view.features) >= MIN_FEATURES
+        return StoredView(self._recording, frame.id, view) if enough else None
 
     def save(self, sequence: int) -> None:
         """Store the view beside the map, before its transaction of that number."""
+        self._new = None if self._waiting is None else self._waiting.result()
         if self._store is not None and self._new is not None:
             full = len(self._keys) >= MAX_VIEWS and self._new.key not in self._keys
             self._store.write(self._new, sequence, self._keys[spare(self._poses)] if full else None)
 
     def accept(self) -> Key | None:
         """Count the view, whose transaction is in the map now; its key, or None without one."""
+        self._waiting = None
         if self._new is None:
             return None
         if self._new.key in self._keys:

@@ -355,6 +355,8 @@ class MovedLooks:
         `others` are further things of the category that were known before `new`. 1 where any has
         no picture: without others, nothing tells how alike things of the category are here.
         """
+        if not others:
+            return 1.0
         a, b = self._features(old), self._features(new)
         if a is None or b is None:
             return 1.0

@@ -215,6 +215,7 @@ class BayesObjectMapper(ObjectMapper):
             self._held.forget_categories(self._identity.departures.tracks)
             self._identity.departures.forget_unknown()
         touched = self.cache.refresh()
+        self._touched |= touched
         if touched:
             self._identity.refresh(touched)
             self._held.refresh(touched)
@@ -342,7 +343,8 @@ class BayesObjectMapper(ObjectMapper):
         record = track.record()
         if self._places is not None:
             track.place = self._place(record)
-            record = replace(record, place=track.place)
+            if track.place != record.place:
+                record = replace(record, place=track.place)
         track.written, track.labels = record, dict(record.labels)
         return record
 

@@ -70,6 +70,7 @@ class ObjectMapper(ABC):
         self._map, self._places = semantic_map, places
         self.cache = ObjectCache(semantic_map)  # objects as perceived, and assertions about them
         self._revision = -1  # of the places' rectangles, when objects were last put into places
+        self._touched = set[str]()  # IRIs of things that others changed since then
 
     @property
     def tracks(self) -> Sequence[Track]:
@@ -123,7 +124,7 @@ class ObjectMapper(ABC):
         """Read changes of other writers since the last call; cheap where there are none."""
         if self._places is not None:
             self._places.refresh()
-        self.cache.refresh()
+        self._touched |= self.cache.refresh()
 
     def _place(self, record: ObjectRecord) -> str | None:
         """IRI of the place that contains the object's believed position."""
@@ -132,11 +133,15 @@ class ObjectMapper(ABC):
         return self._places.at(self.cache.believed(record).p_map)
 
     def _moved(self) -> dict[str, ObjectRecord]:
-        """Objects that are in another place since the places' rectangles changed."""
-        if self._places is None or self._places.revision == self._revision:
+        """Objects that are in another place since they, or the places' rectangles, changed."""
+        if self._places is None:
             return {}
+        held, touched = self.cache.perceived, self._touched
+        if self._places.revision == self._revision:
+            held = {iri: held[iri] for iri in touched if iri in held}
         self._revision = self._places.revision
-        placed = ((record, self._place(record)) for record in self.cache.perceived.values())
+        touched.clear()
+        placed = ((record, self._place(record)) for record in held.values())
         return {
             record.iri: replace(record, place=place)
             for record, place in placed

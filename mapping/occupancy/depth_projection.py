@@ -121,14 +121,17 @@ def _level(points: FramePoints) -> NDArray[np.bool_]:
 
 def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:
     """Chosen points and interpolated ones between vertical neighbours, (2, n) [cells]."""
-    both = chosen[:-1] & chosen[1:] & joined
-    low, high = xy[:, 1:][:, both], xy[:, :-1][:, both]
+    both = np.flatnonzero(chosen[:-1] & chosen[1:] & joined)
+    points = xy.reshape(2, -1)
+    low, high = points.take(both + chosen.shape[1], axis=1), points.take(both, axis=1)
     between = low[:, None, :] + _INTERPOLATED * (high - low)[:, None, :]
-    return np.concatenate([xy[:, chosen], between.reshape(2, -1)], axis=1)
+    some = points.take(np.flatnonzero(chosen), axis=1)
+    return np.concatenate([some, between.reshape(2, -1)], axis=1)
 
 
 def _histogram(xy: Floats, cells: int) -> NDArray[np.intp]:
     """2D histogram (cells, cells) of points (2, n) [cells]."""
-    at = np.floor(xy).astype(np.intp)
-    at = at[:, ((at >= 0) & (at < cells)).all(axis=0)]
-    return np.bincount(at[0] * cells + at[1], minlength=cells * cells).reshape(cells, cells)
+    x, y = np.floor(xy)
+    inside = (x >= 0) & (x < cells) & (y >= 0) & (y < cells)
+    at = (x * cells + y)[inside].astype(np.intp)
+    return np.bincount(at, minlength=cells * cells).reshape(cells, cells)

@@ -16,6 +16,7 @@ from kg.maps.subscriptions import ExternalChanges
 from kg.model.areas import Rectangle
 from kg.model.errors import LayoutError, UnknownCategoryError
 from kg.model.records import PlaceRecord
+from mapping.frames.projection import bounds
 from mapping.places.layout import Layout, LayoutPlace
 
 
@@ -74,13 +75,12 @@ class PlaceRegistry:
         if not touched:
             return
         known = {record.iri: record for record in self._map.perceived.places()}
-        for iri in touched & self._places.keys():
-            self._changed.discard(iri)
-            if iri not in known:
-                del self._places[iri]
-        self._places |= {iri: record for iri, record in known.items() if iri in touched}
-        self._places = self._ordered(self._places)
-        self.revision += 1
+        self._changed -= touched
+        before = self._places
+        places = {iri: r for iri, r in before.items() if iri in known or iri not in touched}
+        places |= {iri: record for iri, record in known.items() if iri in touched}
+        self._places = self._ordered(places)
+        self.revision += [*self._places.items()] != [*before.items()]
 
     def _ordered(self, places: dict[str, PlaceRecord]) -> dict[str, PlaceRecord]:
         """Places with an asserted area first, since they claim their points before all others."""
@@ -119,7 +119,7 @@ class PlaceRegistry:
 
     def observe(self, points: NDArray[np.float64]) -> None:
         """Extend the growing place, where there is one, by `points` (n, 3) [m] of the map."""
-        if self._growing is None or self._holds_found or self._growing in self._asserted:
+        if self._growing is None or not self.grows:
             return
         old = self._places.get(self._growing)
         before = old.area if old else None
@@ -135,8 +135,11 @@ class PlaceRegistry:
         self.revision += 1
 
     @property
-    def _holds_found(self) -> bool:
-        return self._find and any(place.from_floor for place in self._places.values())
+    def grows(self) -> bool:
+        """Whether a place grows with what is viewed, since neither people nor the floor set it."""
+        if self._growing is None or self._growing in self._asserted:
+            return False
+        return not (self._find and any(place.from_floor for place in self._places.values()))
 
     def owners(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index into `places()` of the first place that holds each point (n, 2 or more); or -1."""
@@ -217,7 +220,7 @@ def trimmed_extent(points: NDArray[np.float64]) -> Rectangle | None:
     """
     if len(points) == 0:
         return None
-    low, high = np.quantile(points[:, :2], [TRIM, 1 - TRIM], axis=0)
+    low, high = bounds(points[:, :2], TRIM)
     low, high = np.floor(low / STEP) * STEP, np.floor(high / STEP) * STEP + STEP
     return Rectangle(float(low[0]), float(high[0]), float(low[1]), float(high[1]))
 

@@ -118,15 +118,16 @@ def seen_voxels(
 
     `rgb` (rows, columns, 3) are the colours of `points`.
     """
-    known = np.isfinite(points.depth)
-    cells = np.floor(points.xyz[:, known] / size).astype(np.int64)
-    colours = rgb[: known.shape[0], : known.shape[1]][known]
-    inside = (np.abs(cells) < RANGE - SIDE).all(0)
-    if not inside.all():
+    (rows, columns), known = points.depth.shape, np.flatnonzero(np.isfinite(points.depth))
+    xyz = points.xyz.reshape(3, -1).take(known, axis=1)
+    cells = np.floor(xyz / size).astype(np.int64)
+    colours = rgb[:rows, :columns].reshape(-1, 3).take(known, axis=0)
+    if np.abs(cells).max(initial=0) >= RANGE - SIDE:
+        inside = (np.abs(cells) < RANGE - SIDE).all(0)
         cells, colours = cells[:, inside], colours[inside]
     keys = keys_of(cells)
     order = np.argsort(keys)
-    keys, colours = keys[order], colours[order]
+    keys, colours = keys[order], colours.take(order, axis=0)
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
     if not len(starts):
         return keys, colours

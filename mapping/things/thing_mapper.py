@@ -7,7 +7,9 @@ longer shows it, where views show the place and not the thing, or once a named o
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
@@ -202,6 +204,7 @@ def is_covered(points: Floats, named: Sequence[ObjectRecord]) -> bool:
 _SAME: Final = 0.2  # overlap of boxes from which on a thing is one that was there before
 _DOUBT: Final = 3.0  # views after which a thing is as likely as not to be one
 _VOXELS: Final = 10  # of the surface in the box of a thing that is still there, at least
+_AHEAD: Final = 3  # frames that wait to be looked at
 _LOOKS: Final = 5  # views of its place from which on a thing that they do not show is gone
 
 Floats = NDArray[np.float64]
@@ -218,15 +221,30 @@ class ThingMapper:
         self._pictures = ObjectPictures(path) if path is not None and pictures else None
         self._views = RecentViews(pictures=self._pictures is not None)
         self._finder = ThingFinder()
+        self._worker = ThreadPoolExecutor(1, "things")
+        self._waiting = deque[Future[None]]()  # frames that are looked at beside the mapping
         self._shown = dict[str, SeenView]()  # best views of this run, by IRI
 
     def add(self, frame: Frame, people: NDArray[np.float32]) -> None:
-        """Look for things in a frame from a new viewpoint, and keep its view for pictures."""
+        """Look for things in a frame from a new viewpoint, and keep its view for pictures.
+
+        This happens in a thread, in order, since only `changes` needs the result.
+        """
+        self._finish(_AHEAD)
+        self._waiting.append(self._worker.submit(self._add, frame, people))
+
+    def _add(self, frame: Frame, people: NDArray[np.float32]) -> None:
         if self._views.add(frame, people):
             self._finder.add(frame, people)
 
+    def _finish(self, left: int = 0) -> None:
+        """Wait until at most so many frames are not looked at yet."""
+        while len(self._waiting) > left:
+            self._waiting.popleft().result()
+
     def changes(self, surface: Surface, named: Sequence[ObjectRecord]) -> ObjectChanges:
         """Changes that make the things those that `surface` shows, beside the `named` objects."""
+        self._finish()
         self._shown.clear()
         before, asserted = self._before()
         named = [one for one in named if one.iri not in before]

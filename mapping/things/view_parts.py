@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.binary_masks import connected_components, with_neighbours
+from perception.binary_masks import connected_components
 from perception.depth_image import DepthImage, Planes, dot
 
 MAX_LENGTH: Final = 1.0  # [m] longest side of a thing, at most
@@ -84,16 +84,17 @@ def _pieces(image: DepthImage) -> Labels:
     """(h, w) number of the piece of each pixel, -1 where depth is unknown."""
     points, normals = image.points, image.normals
     known = dot(normals, normals) > 0
-    edge = ~known
+    edge, farther = ~known, -image.apart
     for y, x in ((0, _REACH), (_REACH, 0), (_DIAGONAL, _DIAGONAL), (_DIAGONAL, -_DIAGONAL)):
         one, middle, other = _in_line(edge.shape, y, x)
         between = points[:, *other] - points[:, *one]
         in_front = dot(between, normals[:, *one]) > image.apart[middle]
-        in_front |= -dot(between, normals[:, *other]) > image.apart[middle]
+        in_front |= dot(between, normals[:, *other]) < farther[middle]
         edge[middle] |= known[one] & known[other] & in_front
     pieces = connected_components(~edge).astype(np.int32)
+    free = np.flatnonzero((pieces < 0) & (image.depth > 0))
     for _ in range(_REACH + 1):
-        _grow(image, pieces)
+        free = _grown(image, pieces, free)
     return pieces
 
 
@@ -106,16 +107,16 @@ def _in_line(shape: tuple[int, ...], y: int, x: int) -> tuple[tuple[slice, slice
     return tuple(found)
 
 
-def _grow(image: DepthImage, pieces: Labels) -> None:
-    """Add to pieces the pixels beside them that have none and are about as deep."""
+def _grown(image: DepthImage, pieces: Labels, free: Indices) -> Indices:
+    """Add to pieces the `free` pixels beside them that are about as deep; those that are left."""
     flat, depth = pieces.ravel(), image.depth.ravel()  # unknown along the border of the image
-    free = np.flatnonzero(with_neighbours(pieces >= 0) & (pieces < 0) & (image.depth > 0))
     here, best, found = depth[free], 2 * image.apart.ravel()[free], flat[free]
     for step in (-1, 1, -pieces.shape[1], pieces.shape[1]):
         beside, apart = flat[free + step], np.abs(depth[free + step] - here)
         taken = (beside >= 0) & (apart < best)
-        found[taken], best[taken] = beside[taken], apart[taken]
+        found, best = np.where(taken, beside, found), np.where(taken, apart, best)
     flat[free] = found
+    return free[found < 0]
 
 
 def _are_background(

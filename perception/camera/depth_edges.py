@@ -186,7 +186,8 @@ def _moved_strength(
     field = np.pad(gradient, reach, constant_values=1.0)
     columns, rows = points[:: max(1, len(points) // 500)].T + reach
     right, down = (steps.reshape(-1, 1) for steps in np.meshgrid(STEPS, STEPS, indexing="ij"))
-    found = field[rows + down, columns + right].mean(axis=1)  # of each move
+    moved = down * field.shape[1] + right + (rows * field.shape[1] + columns)
+    found = field.ravel().take(moved).mean(axis=1)  # of each move
     best, here = int(found.argmax()), len(found) // 2
     return float(found[here]), float(found[best]), (int(right[best, 0]), int(down[best, 0]))
 

@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import requests
-
 from kg.model.errors import ModelError, did_you_mean
 from kg.model.extensions import DETECTORS, extensions
 
@@ -63,6 +61,8 @@ def download(
     ModelError where the address cannot be reached, answers with an error, breaks off, or serves
     something else.
     """
+    import requests  # as late as possible: models that are here start faster
+
     part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,6 +84,8 @@ def download(
 
 
 def _continue(url: str, part: Path, on_progress: Callable[[int], None] | None) -> None:
+    import requests
+
     done = part.stat().st_size if part.is_file() else 0
     headers = {"Range": f"bytes={done}-"} if done else {}
     # a compressed transfer would make byte ranges and lengths mean something else
@@ -103,7 +105,9 @@ def _continue(url: str, part: Path, on_progress: Callable[[int], None] | None) -
                     on_progress(done)
 
 
-def _reason(error: requests.RequestException) -> str:
+def _reason(error: OSError) -> str:
+    import requests
+
     if isinstance(error, requests.Timeout):
         return "no answer in time"
     if isinstance(error, requests.exceptions.ChunkedEncodingError):

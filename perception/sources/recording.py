@@ -159,7 +159,8 @@ class FolderRecording:
                 "another aspect, so depth is not registered to colour"
             )
         rectified = self.rectifier.depth(depth)
-        return without_constants(rectified, camera.K, self.no_return)
+        known = self.no_return  # those of the image alone are left to the frame
+        return without_constants(rectified, camera.K, known) if known else rectified
 
 
 def open_recording(

@@ -342,7 +342,7 @@ def _together(frames: Sequence[MarkedFrame]) -> tuple[Keys, Records]:
     number = np.repeat(np.arange(len(frames)), [len(one.voxels.seen) for one in frames])[order]
     earliest, latest = number[starts], number[np.append(starts[1:], len(keys)) - 1]
     count = np.diff(starts, append=len(keys))
-    colour = np.concatenate([one.voxels.colour for one in frames])[order]
+    colour = np.concatenate([one.voxels.colour for one in frames]).take(order, axis=0)
     new = np.zeros(len(starts), RECORD)
     new["local"], new["count"] = keys[starts] & _LOCAL, count
     new["colour"] = np.add.reduceat(colour, starts, dtype=np.int64) // count[:, None]
