@@ -39,15 +39,8 @@ def test_sound_images_are_tracked(kitchen):
 @pytest.mark.parametrize(
     "fault",
     [
-        "blur",
-        "black",
-        "near_hand",
-        "crowd",
-        "no_depth",
-        "frozen_colour",
-        "gripper",
-        "shuffled",
-        "noisy_depth",
+        *("blur", "black", "near_hand", "crowd", "no_depth", "frozen_colour", "gripper"),
+        *("shuffled", "noisy_depth"),
     ],
 )
 def test_faults_end_in_missing_poses_and_not_in_wrong_ones(found_with, fault):
