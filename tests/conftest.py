@@ -19,6 +19,8 @@ import pytest
 # the commands that tests start are compiled once, not at each start, and so are the tests
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# as the command line has it: numpy's further threads take a processor that other tests need
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # nothing that is collected becomes garbage, and there is much of it
 gc.disable()
 from hypothesis import HealthCheck, settings  # noqa: E402
@@ -38,30 +40,43 @@ settings.register_profile("explore", deadline=None, suppress_health_check=_PATIE
 settings.load_profile("explore" if os.environ.get("HEREABOUTS_EXPLORE") else "same")
 
 ROOT = Path(__file__).resolve().parent.parent
+os.environ["PYTHONPATH"] = str(ROOT)  # what tests start imports this tree, wherever it runs
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
 
 
 #: modules that take longest, as measured: begun first, so that no processor is idle at the end
 LONGEST = (
-    "tests/hereabouts/cli/test_live_loops.py",
+    "tests/kg/maps/test_kills.py",
+    "tests/hereabouts/demo/test_demo.py",
     "tests/hereabouts/cli/test_recordings_that_do_not_fit.py",
-    "tests/hereabouts/cli/test_served_maps.py",
-    "tests/kg/serving/server/test_ontology_over_http.py",
-    "tests/hereabouts/cli/test_ontology.py",
-    "tests/kg/serving/server/test_map_page.py",
-    "tests/hereabouts/cli/test_live_bad_streams.py",
-    "tests/benchmarks/test_odometry.py",
-    "tests/hereabouts/cli/test_live_outages.py",
-    "tests/hereabouts/cli/test_serve.py",
-    "tests/hereabouts/cli/test_mcp.py",
-    "tests/perception/sources/test_estimated_poses.py",
-    "tests/perception/sources/live/test_live_tracker.py",
+    "tests/hereabouts/cli/test_live_loops.py",
     "tests/perception/camera/test_depth_edges.py",
-    "tests/hereabouts/cli/test_evaluate.py",
+    "tests/benchmarks/test_odometry.py",
+    "tests/hereabouts/cli/test_simulate.py",
+    "tests/hereabouts/cli/test_live_bad_streams.py",
+    "tests/kg/serving/editing/test_editing.py",
+    "tests/mapping/objects/test_corrections.py",
+    "tests/mapping/test_live_correction.py",
+    "tests/kg/serving/server/test_ontology_over_http.py",
+    "tests/hereabouts/cli/test_served_maps.py",
+    "tests/perception/sources/test_depth_check.py",
+    "tests/hereabouts/cli/test_ontology.py",
+    "tests/perception/sources/live/test_live_tracker.py",
+    "tests/kg/serving/server/test_map_page.py",
+    "tests/perception/sources/test_estimated_poses.py",
+    "tests/hereabouts/cli/test_serve.py",
+    "tests/hereabouts/cli/test_live_outages.py",
+    "tests/hereabouts/cli/test_mcp.py",
+    "tests/hereabouts/cli/test_labels.py",
     "tests/hereabouts/cli/test_map_ask_find.py",
     "tests/kg/knowledge/ontology/test_owlapi.py",
-    "tests/hereabouts/cli/test_simulate.py",
+    "tests/hereabouts/cli/test_bags.py",
+    "tests/hereabouts/cli/test_evaluate.py",
     "tests/hereabouts/cli/test_hostile_ontology.py",
+    "tests/perception/odometry/test_tracking.py",
+    "tests/kg/serving/server/test_records_over_http.py",
+    "tests/hereabouts/cli/test_search.py",
+    "tests/benchmarks/test_rooms.py",
 )
 
 

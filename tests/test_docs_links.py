@@ -39,13 +39,7 @@ def test_files_of_the_documentation_that_code_names_exist() -> None:
     named = {
         match
         for folder in (
-            "hereabouts",
-            "kg",
-            "perception",
-            "mapping",
-            "planner",
-            "lab",
-            "benchmarks",
+            *("hereabouts", "kg", "perception", "mapping", "planner", "lab", "benchmarks"),
             "tests",
         )
         for source in (ROOT / folder).rglob("*.py")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.perception.box_room import K, room_frame, round_tour
+from tests.waiting import HEREABOUTS
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "tests" / "example_extension"
@@ -44,7 +45,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(extension: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": f"{extension}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-m", "hereabouts.cli", *map(str, words)]
+    command = [*HEREABOUTS, *map(str, words)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 

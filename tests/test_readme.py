@@ -3,27 +3,27 @@
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.waiting import HEREABOUTS
+
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```bash\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
-HEREABOUTS = [sys.executable, "-m", "hereabouts.cli"]
 
 
 def run(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        HEREABOUTS + words, cwd=folder, env=_environment(), capture_output=True, text=True
+        [*HEREABOUTS, *words], cwd=folder, env=_environment(), capture_output=True, text=True
     )
 
 
 def _environment() -> dict[str, str]:
     import os
 
-    return {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    return {**os.environ, "MPLBACKEND": "Agg"}
 
 
 def test_there_are_two_command_blocks() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hereabouts.cli import main
+from tests.waiting import HEREABOUTS
 
 pytest.importorskip("yaml")
 import yaml
@@ -67,7 +68,7 @@ def test_the_options_that_wait_for_their_use_are_options() -> None:
     names = re.findall(r"^#? ?([a-z-]+): ", text, re.M)
     assert yaml.safe_load(text).keys() <= set(names) and len(names) > 5
     known = subprocess.run(
-        [sys.executable, "-m", "hereabouts.cli", "live", "--help"],
+        [*HEREABOUTS, "live", "--help"],
         capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     assert all(f"--{name} " in known for name in names)

@@ -23,21 +23,21 @@ ROOM: Final = 5.0  # [m] length of each of the rooms that look alike
 GAIT: Final = MotionLimits(stride=0.2, swing=float(np.deg2rad(8)))  # between two frames
 
 
-def house_tour(seed: int, way: float) -> list[Frame]:
-    """Frames of a drive of `way` [m] through the house of `seed`, round after round."""
+def house_tour(seed: int, way: float, chosen: slice = slice(None)) -> list[Frame]:
+    """Frames (the `chosen`) of a drive of `way` [m] through the house of `seed`, round on round."""
     house = random_house(seed)
     camera = SimulatedCamera(house, CameraModel(depth=KINECT), seed)
-    return list(_patterned(camera, _poses(house, way), seed))
+    return list(_patterned(camera, _poses(house, way)[chosen], seed))
 
 
-def alike_rooms() -> list[Frame]:
-    """Frames of a drive through a row of rooms that look alike, each ROOM long, without doors.
+def alike_rooms(chosen: slice = slice(None)) -> list[Frame]:
+    """Frames (the `chosen`) of a drive through a row of rooms that look alike, each ROOM long.
 
-    Each has a pillar, and the same pattern on walls, floor, ceiling and pillar.
+    None has a door; each has a pillar, and the same pattern on walls, floor, ceiling and pillar.
     """
     model = CameraModel()
     frames = []
-    for number, x in enumerate(np.arange(0.0, 2.5 * ROOM, 0.1)):
+    for number, x in enumerate(np.arange(0.0, 2.5 * ROOM, 0.1)[chosen]):
         T = model.pose(x, -1.0, 0.9 + 0.4 * float(np.sin(2 * np.pi * x / ROOM)))
         rays = np.tensordot(T[:3, :3], _rays(model), 1)
         depth = _row_depth(rays, T[:3, 3])

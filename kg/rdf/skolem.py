@@ -135,8 +135,10 @@ def _as_stored(quads: Iterable[Quad]) -> tuple[Quad, ...]:
 
 
 def _as_kept(literals: Iterable[Literal]) -> dict[object, Literal]:
-    """Each literal of an XML Schema type, and the literal that the engine returns for it."""
-    typed = [literal for literal in literals if literal.datatype.value.startswith(v.XSD)]
+    """Each literal of an XML Schema type but texts, and the one that the engine returns for it."""
+    text = v.XSD + "string"
+    kinds = ((literal, literal.datatype.value) for literal in literals)
+    typed = [literal for literal, kind in kinds if kind.startswith(v.XSD) and kind != text]
     store, predicate = Store(), NamedNode(v.RDFS_LABEL)
     nodes = [BlankNode() for _ in typed]
     store.extend(Quad(*pair) for pair in zip(nodes, [predicate] * len(nodes), typed, strict=True))

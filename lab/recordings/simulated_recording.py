@@ -225,12 +225,11 @@ class _Session:
         seen = VisibilityRecord(self.house, self._model)
         found: dict[str, Detections] = {}
         true_poses = [self._tour.T_map_cam(k) for k in range(len(self._tour))]
-        drifting = with_drift(true_poses, self._options.odometry, self._random)
+        drifting = [*with_drift(true_poses, self._options.odometry, self._random)]
         lines = list[str]()
         with RecordingWriter(self._folder, up=(0, 0, 1)) as writer:
-            for index, (frame, T) in enumerate(zip(self._tour.frames(), drifting, strict=True)):
-                if index % self._options.stride:
-                    continue
+            for index in range(0, len(self._tour), self._options.stride):
+                frame, T = next(self._tour.frames(index)), drifting[index]
                 writer.add(frame, T)
                 lines.append(pose_line(frame.stamp, frame.T_map_cam))
                 found[frame.id] = detector.detect(frame)

@@ -75,7 +75,7 @@ def test_an_asserted_label_beyond_the_limit_is_refused(house: House, door: str) 
 @pytest.mark.parametrize("prop", ["position", "extent"])
 def test_millimetres_are_refused(house: House, door: str, prop: str) -> None:
     before = house.map.sequence
-    with pytest.raises(RefusedError, match="millimetres"):
+    with pytest.raises(RefusedError, match="are these millimetres"):
         ASSERTING[door](house, "object/2", prop, "1200 400 750")
     assert house.map.sequence == before
 

@@ -255,14 +255,6 @@ def test_a_thing_is_restored_by_its_name_now_or_then(house: House, door: str) ->
 # --- coordinates by people: millimetres, and starts off the floor ---
 
 
-@pytest.mark.parametrize("door", ASSERTING)
-def test_a_position_in_millimetres_is_refused(house: House, door: str) -> None:
-    before = house.map.sequence
-    with pytest.raises(RefusedError, match="are these millimetres"):
-        ASSERTING[door](house, BED, "position", "7000 2000 500")
-    assert house.map.sequence == before
-
-
 MILLIMETRES: dict[str, Callable[[House], object]] = {
     "update": lambda house: house.map.update(
         "INSERT DATA { <object/77> a here:Cup ; here:x 3000.0 ; here:y 900.0 }", by="ann"

@@ -10,9 +10,10 @@ import requests
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.tool_server import PATH, ToolHttpServer
 from kg.serving.opening import in_memory_map
-from kg.serving.server import BearerTokens, MapServer, Settings
+from kg.serving.server import BearerTokens, MapServer
 from kg.serving.workers.local_evaluation import LimitedQueries
 from tests.doors.doors import PATIENCE, RefusedError, command
+from tests.small_server import SMALL
 
 GREETING = {
     "jsonrpc": "2.0",
@@ -33,8 +34,8 @@ def servers() -> Iterator[tuple[str, str]]:
     with (
         in_memory_map(title="flat") as semantic_map,
         LimitedQueries(semantic_map) as queries,
-        MapServer(semantic_map, Settings(port=0)) as server,
-        ToolHttpServer(MapContext(semantic_map), queries, Settings(port=0)) as tools,
+        MapServer(semantic_map, SMALL) as server,
+        ToolHttpServer(MapContext(semantic_map), queries, SMALL) as tools,
     ):
         yield f"{server.url}sparql", tools.url.rstrip("/") + PATH
 

@@ -9,15 +9,11 @@ from tests.doors.doors import READING, UPDATING, House, RefusedError
 BANANA, CUP, BED = "object/1", "object/2", "object/3"
 #: each must match; a conjunction, since every door costs seconds
 SPELLINGS = (
-    "?thing a here:Food",
-    "VALUES ?c1 { here:Food } ?thing a ?c1",
-    "?thing a ?c2 FILTER(?c2 = here:Food)",
-    "BIND(here:Food AS ?c3) ?thing a ?c3",
-    "here:Food ^a ?thing",
-    "?thing (a|rdf:type) here:Food",
+    *("?thing a here:Food", "VALUES ?c1 { here:Food } ?thing a ?c1"),
+    *("?thing a ?c2 FILTER(?c2 = here:Food)", "BIND(here:Food AS ?c3) ?thing a ?c3"),
+    *("here:Food ^a ?thing", "?thing (a|rdf:type) here:Food"),
     "VALUES ?c4 { here:Food } ?thing a/rdfs:subClassOf* ?c4",
-    "FILTER EXISTS { ?thing a here:Food }",
-    "GRAPH ?g { ?thing a here:Food }",
+    *("FILTER EXISTS { ?thing a here:Food }", "GRAPH ?g { ?thing a here:Food }"),
     "{ SELECT ?thing { ?thing a here:Food } GROUP BY ?thing HAVING(COUNT(*) = 1) }",
 )
 #: what only the things match that have none of the spellings

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError, MapBusyError
 from kg.serving.opening import create_map, open_map
-from kg.serving.server import BearerTokens, MapServer, Settings
+from kg.serving.server import BearerTokens, MapServer
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.camera.poses import motion
 from perception.frames import Frame
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
+from tests.small_server import SMALL
 
 TOKEN = "a-token-of-the-tests-0123"
 
@@ -25,7 +27,7 @@ TOKEN = "a-token-of-the-tests-0123"
 def server(semantic_map, monkeypatch):
     """Callable: `semantic_map` as a mapper far away has it."""
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
-    settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)))
+    settings = replace(SMALL, tokens=BearerTokens((("ann", TOKEN.encode()),)))
     with MapServer(semantic_map, settings) as running:
         monkeypatch.setenv("HEREABOUTS_SERVER", running.url)
         yield lambda: open_map(running.url)

@@ -162,7 +162,8 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
 
         message = "can have no members: HermiT"
         found += [Finding(iri, message) for iri in inconsistent_classes(load_world(quads))]
-    statements = _annotated(named(quads))
+    is_told = any(v.GENID in f"{f.focus} {f.value}" for f in found)
+    statements = _annotated(named(quads)) if is_told else {}
     return sorted(
         {_with_words(finding, statements) for finding in found},
         key=lambda f: (f.severity != "violation", f),

@@ -26,9 +26,9 @@ _DECLARATIONS: Final = {
 class OntologySummary:
     """Summary of an ontology: its skolemised quads, and its properties by term."""
 
-    def __init__(self, quads: Iterable[Quad]) -> None:
+    def __init__(self, quads: tuple[Quad, ...]) -> None:
         """Raises OntologyError for malformed relations (`kg.knowledge.ontology.relations`)."""
-        self.quads = named(quads)
+        self.quads = quads
         self.catalogue = Catalogue.from_quads(self.quads)
         self.relations = {(r.kind, r.subject, r.target): r for r in relations(self.quads)}
         self.terms: dict[str, str] = {}
@@ -123,13 +123,17 @@ class OntologyChange:
 
 
 def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
-    """Changes between two ontologies, given as quads: terms, relations, names, others.
+    """As `changes_of_named`, of any quads."""
+    return changes_of_named(named(old), named(new))
+
+
+def changes_of_named(old: tuple[Quad, ...], new: tuple[Quad, ...]) -> list[OntologyChange]:
+    """Changes between two ontologies, as skolemised quads: terms, relations, names, others.
 
     A term with a new IRI and its old labels is renamed; what other statements say of it is then no
     change.
     Raises OntologyError for malformed relations (`kg.knowledge.ontology.relations`).
     """
-    old, new = tuple(old), tuple(new)
     renamed = renamed_terms(old, new)
     before, after = OntologySummary(_with_iris(old, renamed)), OntologySummary(new)
     old_quads, new_quads = set(before.quads), set(after.quads)
@@ -176,7 +180,7 @@ def _labelled(quads: Iterable[Quad]) -> dict[str, set[object]]:
     }
 
 
-def _with_iris(quads: Iterable[Quad], iris: Mapping[str, str]) -> Iterable[Quad]:
+def _with_iris(quads: tuple[Quad, ...], iris: Mapping[str, str]) -> tuple[Quad, ...]:
     """The quads with other IRIs for some terms; nodes that stood for axioms about them anew."""
     if not iris:
         return quads

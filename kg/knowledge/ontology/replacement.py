@@ -13,7 +13,7 @@ from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
-from kg.knowledge.ontology.diff import OntologyChange, changes, renamed_terms
+from kg.knowledge.ontology.diff import OntologyChange, changes_of_named, renamed_terms
 from kg.knowledge.ontology.import_closure import headers
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.provisional_classes import provisional_to_keep
@@ -96,7 +96,7 @@ def plan_replacement(
     removed = (set(old) - set(new)) | (set(delete) & present - set(insert))
     added = (set(new) - set(old)) | (set(insert) - present)
     return ReplacementPlan(
-        changes=tuple(changes(old, new)),
+        changes=tuple(changes_of_named(old, new)),
         kept=kept,
         delete=tuple(sorted(removed, key=str)),
         insert=tuple(sorted(added, key=str)),

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hereabouts.cli import main
+from lab.recordings.simulated_recording import SimulationOptions, simulate_house
 from tests.conftest import Captured, failed, printed
 
 
@@ -20,11 +21,13 @@ def _copy_kitchen(source: Path, folder: Path) -> Path:
     return folder
 
 
-def thinned(recording: Path, every: int = 6) -> Path:
-    """A simulated recording, with some of its frames."""
-    listed = recording / "rgb.txt"
-    listed.write_text("\n".join(listed.read_text().splitlines()[::every]) + "\n")
-    return recording
+def simulated(folder: Path, seed: int, sessions: int = 1, noise: float = 0.0) -> Path:
+    """A simulated house in few and small frames; truth and detections are of thrice as many."""
+    options = SimulationOptions(size=(80, 60), odometry=noise, stride=2)
+    simulate_house(folder, seed, sessions, options)
+    for listed in folder.rglob("rgb.txt"):
+        listed.write_text("\n".join(listed.read_text().splitlines()[::3]) + "\n")
+    return folder
 
 
 @pytest.fixture
@@ -45,10 +48,8 @@ def kitchen_map(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPath
 @pytest.fixture(scope="session")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Two recordings of one simulated house, between which small things were moved."""
-    folder = tmp_path_factory.mktemp("sessions") / "house"
-    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--sessions", "2"]
-    assert main([*words, "-o", str(folder)]) == 0
-    return thinned(folder / "session-1"), thinned(folder / "session-2")
+    folder = simulated(tmp_path_factory.mktemp("sessions") / "house", 2, sessions=2)
+    return folder / "session-1", folder / "session-2"
 
 
 @pytest.fixture(scope="session")

@@ -22,15 +22,7 @@ def test_the_page_on_any_word_runs(kitchen, class_pair, tmp_path, prints, monkey
     commands = [shlex.split(line) for line in lines]
     said = [(command, prints(*command)) for command in commands]
     names = [
-        "models",
-        "map",
-        "describe",
-        "find",
-        "ask",
-        "ask",
-        "find",
-        "labels",
-        "models",
+        *("models", "map", "describe", "find", "ask", "ask", "find", "labels", "models"),
         "export",
     ]
     assert [command[0] for command, _ in said] == names

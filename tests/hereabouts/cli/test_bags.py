@@ -1,10 +1,7 @@
 """`info`, `convert`, and maps of one recording as folder, ROS 1 bag, ROS 2 bag and MCAP file."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,17 +33,10 @@ def folder(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPathFacto
 
 
 def mapped(prints: Prints, recording: Path, into: Path) -> set[str]:
-    # floor is dated by the minute, and the recording has no clock; the last bits of a product of
-    # matrices depend on how many threads compute it
+    # floor is dated by the minute, and the recording has no clock
     words = ["map", recording, "--no-check", "--limit", MAPPED, "--into", into, "--base", BASE]
     words += ["--json", "--started", "2026-11-22T10:00:00Z", "--detector", "nanodet_g_416"]
-    made = subprocess.run(
-        [sys.executable, "-m", "hereabouts.cli", *map(str, words)],
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE,
-        check=True,
-    )
-    assert json.loads(made.stdout)["frames"] == MAPPED
+    assert json.loads(prints(*words))["frames"] == MAPPED
     out = into.with_suffix(".ttl")
     prints("export", into, "-o", out)
     return canonical(parse(untimed(out.read_text()), format=RdfFormat.TURTLE, base_iri=BASE))

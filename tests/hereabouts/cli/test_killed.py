@@ -1,20 +1,16 @@
 """`hereabouts map` killed at any moment: whole frames stay, and the same command goes on."""
 
 import json
-import os
 import random
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 from contextlib import closing
 from pathlib import Path
 
 from kg.serving.opening import open_map
-
-ROOT = Path(__file__).resolve().parents[3]
-
+from tests.waiting import HEREABOUTS
 
 FRAMES = 12
 
@@ -33,12 +29,8 @@ def _first_frames(source: Path, folder: Path) -> Path:
 
 def _start(recording: Path, into: Path) -> subprocess.Popen[bytes]:
     words = ["map", str(recording), "--no-check", "--into", str(into), "--json"]
-    return subprocess.Popen(
-        [sys.executable, "-m", "hereabouts.cli", *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    null = subprocess.DEVNULL
+    return subprocess.Popen([*HEREABOUTS, *words], stdout=null, stderr=null)
 
 
 def _written(path: Path) -> int:

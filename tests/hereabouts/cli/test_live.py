@@ -17,8 +17,8 @@ import pytest
 
 from hereabouts.cli import main
 from kg.serving.opening import open_map
+from tests.waiting import HEREABOUTS
 
-ROOT = Path(__file__).resolve().parents[3]
 Prints = Callable[..., str]
 
 
@@ -176,9 +176,8 @@ def test_a_growing_folder_makes_the_map_of_the_finished_one(kitchen, kitchen_map
 
 @contextmanager
 def live(source: str, into: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "hereabouts.cli", "live", source, "--into", str(into), *words]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+    command = [*HEREABOUTS, "live", source, "--into", str(into), *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:

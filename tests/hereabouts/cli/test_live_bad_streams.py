@@ -1,6 +1,5 @@
 """`hereabouts live` from a robot that does something wrong: a line, and mapping goes on."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -197,13 +196,10 @@ def test_a_second_node_of_one_map_is_refused_and_the_first_goes_on(tmp_path, cap
 
 
 def test_a_subscriber_that_stalls_does_not_hold_up_mapping(tmp_path: Path) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
     heard = tmp_path / "heard"
     with (
         heard.open("w") as file,
-        subprocess.Popen(
-            [sys.executable, "-c", HEAR, str(DOMAIN)], stdout=file, env=environment
-        ) as stalls,
+        subprocess.Popen([sys.executable, "-c", HEAR, str(DOMAIN)], stdout=file) as stalls,
         robot(Fault()),
     ):
 

@@ -21,16 +21,13 @@ from kg.serving.opening import open_map
 from tests.perception.sources.live import two_cameras
 from tests.perception.sources.live.ros1_master import fake_master
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
-from tests.waiting import until
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.waiting import HEREABOUTS, until
 
 
 @pytest.fixture(params=["ros2", "ros1"])
 def robot(request, tmp_path, monkeypatch):
     """Address of a robot with two cameras, of which a file `tmp_path`/rear stops one."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     with ExitStack() as stack:
         address = f"ros2://{DOMAIN}"
         if request.param == "ros1":
@@ -52,7 +49,7 @@ def test_two_cameras_make_one_map_and_one_that_dies_is_named(robot, tmp_path, ca
     )
     assert not into.exists()
 
-    command = [sys.executable, "-m", "hereabouts.cli", *common, "--camera", "rear", "--json"]
+    command = [*HEREABOUTS, *common, "--camera", "rear", "--json"]
     command += ["--scene", "none", "--detector", str(tmp_path / "oranges.onnx")]
 
     def pictures(camera: str) -> int:

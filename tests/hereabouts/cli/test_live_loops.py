@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.waiting import HEREABOUTS
+
 pytest.importorskip("rosbags")
 pytest.importorskip("cyclonedds")
 from kg.maps.semantic_map import SemanticMap
@@ -23,7 +25,6 @@ from tests.perception.sources.live.drifting_robot import BEGIN, FRAMES, HALF, LA
 from tests.perception.sources.live.ros1_master import fake_master
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 
-ROOT = Path(__file__).resolve().parents[3]
 ASSERTED = "bowl"  # by someone, while the robot drives
 
 
@@ -32,7 +33,6 @@ def robot(request, tmp_path, monkeypatch):
     """Address of the robot that drifts."""
     wire, told = request.param
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     with ExitStack() as stack:
         address = f"ros2://{DOMAIN}"
         if wire == "ros1":
@@ -79,7 +79,7 @@ def mapped(address: str, folder: Path, truth: Things, *words: str) -> tuple[dict
     table = folder / "labels.csv"
     table.write_text("".join(f"{n},{label}\n" for n, label in enumerate(LABELS)))
     into = folder / "a.map"
-    command = [sys.executable, "-m", "hereabouts.cli", "live", address, "--into", str(into)]
+    command = [*HEREABOUTS, "live", address, "--into", str(into)]
     command += ["--detector", "topic:/detections", "--scene", "none", "--limit", str(FRAMES)]
     command += ["--pictures", str(folder / "seen"), "--json", *words]
     if address.startswith("ros1"):
@@ -114,7 +114,7 @@ def asserted_meanwhile(into: Path, seen: Path) -> dict[str, str]:
     with open_map(into, read_only=True) as semantic_map:
         surest = max(semantic_map.objects(min_existence=0.5), key=lambda one: one.existence)
         label = semantic_map.catalogue.label(surest.category)
-    command = [sys.executable, "-m", "hereabouts.cli", "assert", str(into), surest.iri, "category"]
+    command = [*HEREABOUTS, "assert", str(into), surest.iri, "category"]
     subprocess.run([*command, ASSERTED, "--by", "ann"], check=True, capture_output=True)
     return {surest.iri: label}
 

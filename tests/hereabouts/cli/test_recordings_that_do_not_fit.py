@@ -12,7 +12,7 @@ from hereabouts.cli import main
 from kg.serving.opening import open_map
 from perception.camera.poses import read_trajectory
 from perception.sources.recording_writer import pose_line
-from tests.hereabouts.cli.conftest import thinned
+from tests.hereabouts.cli.conftest import simulated
 
 Prints = Callable[..., str]
 Fails = Callable[..., str]
@@ -84,9 +84,7 @@ def test_it_is_aligned_where_asked_and_goes_on_there(sessions, first_map, tmp_pa
 
 def test_another_house_is_not_aligned(first_map, tmp_path, prints, fails):
     into = shutil.copytree(first_map, tmp_path / "house.map")
-    other = tmp_path / "other"
-    prints("simulate", "house", "--seed", "5", "--size", "80x60", "-o", other)
-    thinned(other)
+    other = simulated(tmp_path / "other", 5)
     before = _state(into)
     assert "'other' cannot be aligned" in fails("map", *_words(other, into), "--align")
     assert _state(into) == before
@@ -102,10 +100,7 @@ def test_align_and_transform_exclude_each_other(sessions, tmp_path):
 
 @pytest.fixture(scope="module")
 def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fit") / "drifted"
-    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--odometry-noise", "0.03"]
-    assert main([*words, "-o", str(folder)]) == 0
-    return thinned(folder)
+    return simulated(tmp_path_factory.mktemp("fit") / "drifted", 2, noise=0.03)
 
 
 def _positions(address: Path) -> dict[str, np.ndarray]:

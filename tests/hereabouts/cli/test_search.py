@@ -1,9 +1,7 @@
 """`hereabouts search`: exit codes, events, signals, kill -9 and going on after it."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +13,7 @@ from kg.serving.opening import create_map, open_map
 from planner.simulation.house_robot import DEMO_RECORDING
 from tests.planner.point_robot import PointRobot
 from tests.planner.robots import APPLE, FAR_APPLE, command, ring
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.waiting import HEREABOUTS
 
 
 @pytest.fixture
@@ -25,17 +22,6 @@ def path(tmp_path: Path) -> Path:
     with create_map(path) as semantic_map:
         ring(semantic_map)
     return path
-
-
-def _search(path: Path, *words: str, **settings: object) -> subprocess.CompletedProcess[str]:
-    robot = ["--robot", f"stdio:{command(**settings)}"]
-    return subprocess.run(
-        [sys.executable, "-m", "hereabouts.cli", "search", str(path), *words, *robot],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 def test_found_is_0_and_each_event_is_a_line_of_json(path, capsys):
@@ -87,16 +73,18 @@ def test_the_simulated_house_has_a_place_for_its_apple(path, capsys):
 @pytest.mark.parametrize(
     ("how", "code", "state"), [("terminate", 143, "stopped"), ("kill", -9, "running")]
 )
-def test_cut_short_it_goes_on_where_its_last_look_ended(path, how, code, state):
-    cut = _search(path, "apple", objects=[FAR_APPLE], at_look=3, then=how)
+def test_cut_short_it_goes_on_where_its_last_look_ended(path, how, code, state, capsys):
+    robot = f"stdio:{command(objects=[FAR_APPLE], at_look=3, then=how)}"
+    words = ["search", str(path), "apple", "--robot", robot]
+    cut = subprocess.run([*HEREABOUTS, *words], capture_output=True, check=False)
     assert cut.returncode == code
     with open_map(path, read_only=True) as semantic_map:
         (record,) = semantic_map.searches.all()
         assert record.state == state
         assert len(semantic_map.searches.looks(record.iri)) == 2
-    again = _search(path, "--resume", "--json", objects=[FAR_APPLE])
-    assert again.returncode == 0
-    begin, *_, end = [json.loads(line) for line in again.stdout.splitlines()]
+    robot = f"stdio:{command(objects=[FAR_APPLE])}"
+    assert main(["search", str(path), "--resume", "--json", "--robot", robot]) == 0
+    begin, *_, end = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert begin["looks"] == 2
     assert begin["left"] == pytest.approx(record.left, abs=1e-3)
     assert (end["search"], end["state"]) == (record.iri, "found")
@@ -106,8 +94,7 @@ def test_whoever_starts_it_can_be_the_robot(path: Path) -> None:
     point = PointRobot({"objects": [APPLE]})
     words = ["search", str(path), "apple", "--robot", "stdio"]
     with subprocess.Popen(
-        [sys.executable, "-m", "hereabouts.cli", *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        [*HEREABOUTS, *words],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import Counter
@@ -18,9 +17,8 @@ import requests
 
 from hereabouts.cli import main
 from kg.serving.opening import create_map, open_map
-from tests.waiting import until
+from tests.waiting import HEREABOUTS, until
 
-ROOT = Path(__file__).resolve().parents[3]
 TOKEN = "a-token-of-the-tests-0123"
 ASK = {"query": "ASK { here:Cup a ?x }"}
 FLOOD = 2_000
@@ -43,8 +41,8 @@ class Process:
         self.said = folder / "stderr.txt"
         with self.said.open("wb") as stderr, interruptible():
             self.popen = subprocess.Popen(
-                [sys.executable, "-m", "hereabouts.cli", "serve", *map(str, words), "--port", "0"],
-                env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "500"},
+                [*HEREABOUTS, "serve", *map(str, words), "--port", "0"],
+                env={**os.environ, "COLUMNS": "500"},
                 cwd=folder,
                 stdout=subprocess.PIPE,
                 stderr=stderr,

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,10 +18,10 @@ from kg.serving.opening import open_map
 from tests.hereabouts.cli.test_serve import TOKEN, Process, home, serve, tokens
 from tests.kg.conftest import canonical
 from tests.planner.robots import APPLE, FAR_APPLE, command, ring
+from tests.waiting import HEREABOUTS
 
 __all__ = ["home", "serve", "tokens"]  # fixtures
 
-ROOT = Path(__file__).resolve().parents[3]
 BASE = "https://example.org/home/"
 FRAMES = 10
 Prints = Callable[..., str]
@@ -56,12 +55,8 @@ def rooms(home: Path) -> Path:
 
 
 def start(*words: object) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "hereabouts.cli", *map(str, words)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
+    command, pipe = [*HEREABOUTS, *map(str, words)], subprocess.PIPE
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe)
 
 
 def facts(path: Path, prints: Prints, folder: Path) -> set[str]:

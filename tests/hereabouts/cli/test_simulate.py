@@ -30,6 +30,14 @@ def test_its_truth_scores_a_map_of_it(house: Path, capsys: pytest.CaptureFixture
     assert lowest["true"] > 0 and lowest["recall"] > 0.2
 
 
+def test_the_command_writes_a_recording(tmp_path, capsys):
+    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "-o", str(tmp_path / "house")]
+    assert main([*words, "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)
+    assert told["frames"] == len(list((tmp_path / "house" / "rgb").iterdir())) > 100
+    assert told["objects"] > 20 and told["detections"] > told["objects"]
+
+
 def test_a_folder_in_use_is_left_alone(house: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = sorted(path.name for path in house.iterdir())
     assert main(["simulate", "house", "--seed", "1", "-o", str(house)]) == 1

@@ -10,18 +10,8 @@ import pytest
 from kg.serving.opening import create_map
 
 HEAVY = {
-    "cv2",
-    "matplotlib",
-    "networkx",
-    "onnxruntime",
-    "owlready2",
-    "pyshacl",
-    "rdflib",
-    "requests",
-    "rich",
-    "shapely",
-    "starlette",
-    "uvicorn",
+    *("cv2", "matplotlib", "networkx", "onnxruntime", "owlready2", "pyshacl", "rdflib"),
+    *("requests", "rich", "shapely", "starlette", "uvicorn"),
 }
 RUN = """
 import sys

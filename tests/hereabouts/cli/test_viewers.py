@@ -5,7 +5,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.serving.opening import create_map, open_map
 from mapping.places.layout import load_layout
 from tests.planner.robots import FAR_APPLE, command, ring
+from tests.waiting import HEREABOUTS
 
 
 def topics(path: Path) -> Counter[str]:
@@ -106,7 +106,7 @@ def test_what_cannot_be_written_is_one_line(lab, tmp_path, fails, monkeypatch):
 
 
 def test_served_to_foxglove_until_it_ends(lab: Path, tmp_path: Path) -> None:
-    serve = [sys.executable, "-m", "hereabouts.cli", "serve", str(lab), "--port", "0"]
+    serve = [*HEREABOUTS, "serve", str(lab), "--port", "0"]
     with subprocess.Popen([*serve, "--foxglove", "0"], stderr=subprocess.PIPE, text=True) as server:
         assert server.stderr is not None
         found = re.search(r"ws://127\.0\.0\.1:\d+", server.stderr.readline())

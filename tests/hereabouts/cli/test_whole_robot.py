@@ -29,7 +29,6 @@ from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 from tests.planner.ros1_house import ORANGE
 from tests.waiting import listens, until
 
-ROOT = Path(__file__).resolve().parents[3]
 NO_ROS = pytest.mark.skipif(
     not shutil.which("rosmaster"), reason="no ROS 1: apt-get install ros-core"
 )
@@ -61,7 +60,6 @@ def test_a_robot_maps_shows_and_searches(
 ) -> None:
     port, into, said, viewer = free_port(), tmp_path / "a.map", tmp_path / "said", _Viewer()
     for name, value in {
-        "PYTHONPATH": str(ROOT),
         "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
         "ROS_IP": "127.0.0.1",
         "ROS_LOG_DIR": str(tmp_path),

@@ -1,14 +1,9 @@
 """Compaction and durability of the history."""
 
-import os
 import random
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,8 +15,8 @@ from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
 from kg.serving.opening import open_map
+from tests.waiting import program, told_until_killed
 
-ROOT = Path(__file__).resolve().parents[3]
 Written = Callable[[int], SemanticMap]
 
 # things come and go, and the past is dropped, for ever
@@ -184,21 +179,7 @@ def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(written, tmp
     written(1).close()
     path, rng = tmp_path / "flat.map", random.Random(11)
     for _ in range(2):
-        process = subprocess.Popen(
-            [sys.executable, "-c", _CHURN, str(path)],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert process.stdout is not None and process.stderr is not None
-        acknowledged = int(process.stdout.readline())
-        time.sleep(rng.uniform(0.0, 0.1))
-        process.kill()
-        acknowledged = max([acknowledged, *map(int, process.stdout.read().split("\n")[:-1])])
-        assert process.wait() == -signal.SIGKILL, process.stderr.read()
-        process.stdout.close()
-        process.stderr.close()
+        acknowledged = told_until_killed(program(_CHURN, path), rng)
         with open_map(path) as semantic_map:
             assert semantic_map.sequence >= acknowledged
             with semantic_map.at(semantic_map.sequence) as now:

@@ -1,14 +1,10 @@
 """Killed between log and store, out of step, copied back: nothing acknowledged is lost."""
 
-import os
 import random
 import shutil
 import signal
 import sqlite3
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -23,8 +19,8 @@ from kg.model.errors import GraphError, HistoryError
 from kg.serving.opening import create_map, open_map
 from kg.store.transactional import TransactionalStore
 from tests.kg.conftest import BASE, frame_update
+from tests.waiting import program, told_until_killed
 
-ROOT = Path(__file__).resolve().parents[3]
 CONFTEST = str(Path(__file__).parent.with_name("conftest.py"))
 Written = Callable[[int], SemanticMap]
 
@@ -50,16 +46,6 @@ def _facts(semantic_map: SemanticMap) -> set[Quad]:
     return set(semantic_map.engine)
 
 
-def _writer(path: Path, *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _WRITER, str(path), CONFTEST, *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def _agrees(semantic_map: SemanticMap) -> None:
     """Log and store say the same, and the store holds whole frames."""
     assert semantic_map.history.log.last == semantic_map.sequence
@@ -76,7 +62,7 @@ def left(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with create_map(path, base=BASE) as semantic_map:
         for number in range(3):
             semantic_map.apply(frame_update(number))
-    process = _writer(path, "between")
+    process = program(_WRITER, path, CONFTEST, "between")
     out, err = process.communicate(timeout=300)
     assert (process.returncode, out, err) == (-signal.SIGKILL, "", "")
     return path
@@ -115,15 +101,7 @@ def test_killed_at_any_moment(written: Written, tmp_path: Path, mode: str) -> No
     written(1).close()
     rng = random.Random(7)
     for _ in range(2):
-        process = _writer(path, mode)
-        assert process.stdout is not None and process.stderr is not None
-        acknowledged = int(process.stdout.readline())
-        time.sleep(rng.uniform(0.0, 0.1))
-        process.kill()
-        acknowledged = max([acknowledged, *map(int, process.stdout.read().split("\n")[:-1])])
-        process.wait()
-        process.stdout.close()
-        process.stderr.close()
+        acknowledged = told_until_killed(program(_WRITER, path, CONFTEST, mode), rng)
         with open_map(path) as semantic_map:
             assert semantic_map.sequence >= acknowledged
             _agrees(semantic_map)

@@ -1,6 +1,5 @@
 """Kills of writer, server and query worker, and a check that the check would notice."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -37,7 +36,6 @@ def kill(*words: str) -> str:
     run = subprocess.run(
         [sys.executable, "-m", "benchmarks.kills", *words],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=800,

@@ -26,7 +26,7 @@ from kg.serving.opening import create_map, open_map, watch_map
 from kg.serving.shared_folder import SharedMap, recover_copy
 from kg.store.folder import announced
 from tests.kg.conftest import BASE, frame_update
-from tests.waiting import until
+from tests.waiting import HEREABOUTS, until
 
 ROOT = Path(__file__).resolve().parents[3]
 Written = Callable[[int], SemanticMap]
@@ -41,9 +41,7 @@ with open_map(sys.argv[1]) as semantic_map:
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "hereabouts.cli", *words], cwd=ROOT, capture_output=True, text=True
-    )
+    return subprocess.run([*HEREABOUTS, *words], capture_output=True, text=True)
 
 
 def path_of(semantic_map: SemanticMap) -> str:

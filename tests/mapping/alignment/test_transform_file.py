@@ -23,11 +23,7 @@ def test_unknown_sequence_names_the_known(shared):
 @pytest.mark.parametrize(
     "content",
     [
-        "nonsense",
-        "[]",
-        "{}",
-        '{"sequences": 3}',
-        '{"sequences": {"a": 3}}',
+        *("nonsense", "[]", "{}", '{"sequences": 3}', '{"sequences": {"a": 3}}'),
         '{"sequences": {"a": {}}}',
     ],
 )

@@ -2,12 +2,9 @@
 
 import functools
 import gc
-import os
 import shutil
 import signal
 import sqlite3
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -25,6 +22,7 @@ from mapping.objects.track_store import FILE, RunState, TrackStore
 from perception.frames import Detections, Frame
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house_robot import SimulatedTour
+from tests.waiting import program
 
 FRAMES = 30
 _NO_BOX = (
@@ -91,15 +89,13 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object
 
 def test_a_run_that_is_killed_makes_the_same_map(tmp_path, uninterrupted):
     create_map(tmp_path / "a.map").close()
-    program = (
+    text = (
         "import runpy, sys; from pathlib import Path; from kg.serving.opening import open_map\n"
         f"names = runpy.run_path({str(Path(__file__))!r})\n"
         "names['tour'](); print('begun', flush=True)\n"
         f"names['go_on'](open_map(Path({str(tmp_path / 'a.map')!r})))\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=os.environ
-    ) as running:
+    with program(text) as running:
         assert running.stdout is not None and running.stdout.readline() == "begun\n"
         time.sleep(0.5)
         running.send_signal(signal.SIGKILL)

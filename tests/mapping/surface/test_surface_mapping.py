@@ -1,11 +1,9 @@
 """The surface of a map: what was seen is there, what is gone is not, people never are."""
 
 import functools
-import os
 import shutil
 import signal
 import sqlite3
-import subprocess
 import sys
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house_robot import SimulatedTour
+from tests.waiting import program
 
 OPTIONS = MappingOptions(occupancy=False, check_poses=False)
 FRAMES = 70
@@ -187,13 +186,11 @@ def surface(folder: Path, min_count: int = 1) -> Surface:
 def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted):
     folder = tmp_path / "a.map"
     create_map(folder).close()
-    program = (
+    text = (
         "import runpy; from pathlib import Path\n"
         f"runpy.run_path({str(Path(__file__))!r})['go_on'](Path({str(folder)!r}), say=True)\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=os.environ
-    ) as running:
+    with program(text) as running:
         assert running.stdout is not None
         assert any(int(line) >= 66 for line in running.stdout)
         running.send_signal(signal.SIGKILL)

@@ -23,7 +23,7 @@ ROOMS = ("icl_livingroom", "hololens_lounge")
 
 @pytest.fixture(scope="module")
 def house() -> list[Frame]:
-    return house_tour(5, 3.0)[::3]
+    return house_tour(5, 3.0, slice(None, None, 3))
 
 
 def chosen(length: int) -> list[int]:
@@ -93,7 +93,7 @@ def test_mirrored_colour_is_told_with_given_poses(house, tmp_path, caplog):
 
 
 def test_mirrored_colour_is_refused_where_poses_are_estimated(tmp_path):
-    frames = house_tour(1, 1.0)[:24]
+    frames = house_tour(1, 1.0, slice(24))
     folder = written(FAULTS["mirrored"](frames, np.random.default_rng(1)), tmp_path / "house")
     with pytest.raises(RecordingError, match=r"colour does not show the scene .* --no-check"):
         open_recording(folder, RecordingOptions(estimate_poses=True))

@@ -223,11 +223,6 @@ def test_a_question_cannot_reach_out(sparql: str) -> None:
         CHART.query(sparql)
 
 
-def test_speaking_of_a_service_is_no_reaching_out() -> None:
-    text = "SELECT ?service WHERE { BIND('SERVICE <x>' AS ?service) # SERVICE\n }"
-    assert CHART.query(text).rows == (("SERVICE <x>",),)
-
-
 @pytest.mark.parametrize(
     "sparql",
     [

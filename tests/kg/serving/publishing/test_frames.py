@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from kg.model.records import LookRecord, MapUpdate, PlaceRecord, RobotRecord, Se
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.publishing import merged
-from kg.serving.server import BearerTokens, MapServer, Settings
+from kg.serving.server import BearerTokens, MapServer
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, see
+from tests.small_server import SMALL
 
 CUP, CHAIR = f"{SOUTH}object/1", f"{NORTH}object/1"
 
@@ -141,7 +143,7 @@ def test_a_map_of_before_frames_has_one_too(folders: tuple[str, str]) -> None:
 def test_a_served_map_takes_its_frame_from_the_command(folders, monkeypatch):
     token = "a-token-of-the-tests-0123"
     monkeypatch.setenv("HEREABOUTS_TOKEN", token)
-    settings = Settings(port=0, tokens=BearerTokens((("ann", token.encode()),)))
+    settings = replace(SMALL, tokens=BearerTokens((("ann", token.encode()),)))
     with open_map(folders[1]) as south, MapServer(south, settings) as server:
         monkeypatch.setenv("HEREABOUTS_SERVER", server.url)
         words = ["describe", server.url, "--relative-to", folders[0], "--pose", "1,2,0,0"]

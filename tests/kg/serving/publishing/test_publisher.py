@@ -1,10 +1,8 @@
 """Maps mirrored into SPARQL servers of other makers: live, resumed, and exactly."""
 
-import os
 import random
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
@@ -22,11 +20,11 @@ from kg.model.errors import GraphError
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.publishing import Publisher, PublishTarget
-from kg.serving.server import MapServer, Settings
+from kg.serving.server import MapServer
 from kg.store.sparql_backend import GRAPHS
-from tests.waiting import until
+from tests.small_server import SMALL
+from tests.waiting import HEREABOUTS, until
 
-ROOT = Path(__file__).resolve().parents[4]
 NORTH, SOUTH = "https://example.org/north/", "https://example.org/south/"
 PATIENCE = 120.0  # [s] for what comes at once, on a machine however slow
 
@@ -78,7 +76,7 @@ def live(robots: tuple[SemanticMap, SemanticMap], url: str) -> Iterator[list[Pub
         running.callback(target.close)
         publishers = []
         for robot in robots:
-            server = running.enter_context(MapServer(robot, Settings(port=0)))
+            server = running.enter_context(MapServer(robot, SMALL))
             publishers.append(Publisher(server.url, target))
         threads = [threading.Thread(target=p.follow) for p in publishers]
         for thread in threads:
@@ -142,7 +140,7 @@ def test_it_continues_behind_the_last_transaction_that_was_acknowledged(robots, 
     north, south = robots
     target = PublishTarget(url)
     lines: list[str] = []
-    with MapServer(north, Settings(port=0)) as server:
+    with MapServer(north, SMALL) as server:
         first = Publisher(server.url, target)
         assert first.publish() == north.sequence
         see(north, "cup", 3.0)
@@ -150,7 +148,7 @@ def test_it_continues_behind_the_last_transaction_that_was_acknowledged(robots, 
         assert again.publish() == north.sequence == target.acknowledged(NORTH)
         assert lines == [f"north is published as of #{north.sequence}"], "no second snapshot"
         assert published(url) == own(north.engine)
-    with MapServer(south, Settings(port=0)) as server:
+    with MapServer(south, SMALL) as server:
         Publisher(server.url, target).publish()
     assert published(url) == own(north.engine) | own(south.engine)
     target.close()
@@ -159,9 +157,9 @@ def test_it_continues_behind_the_last_transaction_that_was_acknowledged(robots, 
 def test_a_stale_copy_is_brought_up_to_date_without_touching_others(robots, url):
     north, south = robots
     target = PublishTarget(url)
-    with MapServer(south, Settings(port=0)) as server:
+    with MapServer(south, SMALL) as server:
         Publisher(server.url, target).publish()
-    with MapServer(north, Settings(port=0)) as server:
+    with MapServer(north, SMALL) as server:
         north.update('INSERT DATA { <http://example.org/mine> rdfs:comment "note" }')
         Publisher(server.url, target).publish()
         north.update("DELETE WHERE { <http://example.org/mine> ?p ?o }")
@@ -182,7 +180,7 @@ def test_a_large_map_goes_in_parts_and_a_part_alone_is_no_copy(robots, url, monk
     for step in range(100):
         see(north, "cup", float(step))
     target = PublishTarget(url)
-    with MapServer(north, Settings(port=0)) as server:
+    with MapServer(north, SMALL) as server:
         Publisher(server.url, target).publish()
         assert published(url) == own(north.engine)
     target.close()
@@ -193,7 +191,7 @@ def test_maps_that_cannot_be_told_apart_are_refused(url: str) -> None:
     with ExitStack() as running:
         for base in ("https://example.org/flat/", "https://example.org/flat/kitchen/"):
             made = running.enter_context(in_memory_map(base=base))
-            server = running.enter_context(MapServer(made, Settings(port=0)))
+            server = running.enter_context(MapServer(made, SMALL))
             if base.endswith("flat/"):
                 Publisher(server.url, target).publish()
             else:
@@ -203,10 +201,8 @@ def test_maps_that_cannot_be_told_apart_are_refused(url: str) -> None:
 
 
 def publish_command(source: str, url: str, *words: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "hereabouts.cli", "publish", source, "--to", url, *words]
-    return subprocess.Popen(
-        command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL
-    )
+    command = [*HEREABOUTS, "publish", source, "--to", url, *words]
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL)
 
 
 def _settled(target: PublishTarget, url: str) -> tuple[int, set[Quad]]:
@@ -222,7 +218,7 @@ def test_a_publisher_that_is_killed_leaves_exactly_what_was_acknowledged(tmp_pat
     target = PublishTarget(url)
     with create_map(tmp_path / "north.map", base=NORTH) as north:
         see(north, "chair", 1.0)
-        with MapServer(north, Settings(port=0)) as server:
+        with MapServer(north, SMALL) as server:
             for _ in range(3):
                 process = publish_command(server.url, url)
                 reached = target.acknowledged(NORTH) or 0
@@ -250,7 +246,7 @@ def test_a_folder_is_published_by_the_command_and_followed_until_it_is_told_to_e
     assert main(["publish", str(path), "--to", url, "--once"]) == 0
     with open_map(path) as north:
         assert published(url) == own(north.engine)
-        with MapServer(north, Settings(port=0)) as server:
+        with MapServer(north, SMALL) as server:
             process = publish_command(server.url, url)
             see(north, "chair", 2.0)
             target = PublishTarget(url)

@@ -12,15 +12,16 @@ from hereabouts.cli import main
 from kg.model.errors import GraphError, MapNotFoundError, RemoteError
 from kg.serving.opening import create_map, in_memory_map
 from kg.serving.publishing import Publisher, PublishTarget, merged
-from kg.serving.server import MapServer, Settings
+from kg.serving.server import MapServer
 from tests.conftest import running_server
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, own, published, see, until
+from tests.small_server import SMALL
 
 
 def test_a_target_that_is_killed_and_started_again_is_continued(tmp_path: Path) -> None:
     with in_memory_map(title="north", base=NORTH) as north:
         see(north, "chair", 1.0)
-        with MapServer(north, Settings(port=0)) as server:
+        with MapServer(north, SMALL) as server:
             lines: list[str] = []
             with running_server(tmp_path / "target") as url:
                 port = int(url.rpartition(":")[2])
@@ -107,7 +108,7 @@ def test_folders_and_served_maps_are_joined_in_one_query(north: str) -> None:
     with in_memory_map(base=SOUTH) as south:
         see(south, "chair", 1.0)
         south.update('INSERT DATA { <object/1> rdfs:comment "worn" }')
-        with MapServer(south, Settings(port=0)) as server, merged([north, server.url]) as both:
+        with MapServer(south, SMALL) as server, merged([north, server.url]) as both:
             query = "SELECT ?a ?b { ?a a here:Cup ; here:x ?x . ?b a here:Chair ; here:x ?x }"
             assert both.query(query).rows == ((f"{NORTH}object/1", f"{SOUTH}object/1"),)
             assert len(both.query("objects-by-category", category="chair").rows) == 2

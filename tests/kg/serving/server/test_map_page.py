@@ -14,7 +14,7 @@ import pytest
 
 from kg.model.records import MapUpdate, RobotRecord
 from kg.serving.opening import in_memory_map
-from kg.serving.server import MapServer, Settings
+from kg.serving.server import MapServer
 from planner.search.plans.find import plan_words
 from tests.kg.serving.server.browser_pages import (
     HOSTILE,
@@ -26,6 +26,7 @@ from tests.kg.serving.server.browser_pages import (
     says,
 )
 from tests.kg.serving.server.conftest import answering, furnished
+from tests.small_server import SMALL
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -302,7 +303,7 @@ def test_a_shared_address_brings_everything_back(eventful: Served, open_page: Op
 
 
 def test_an_empty_map_says_what_to_do(open_page: OpenPage) -> None:
-    with in_memory_map() as nothing, MapServer(nothing, Settings(port=0)) as server:
+    with in_memory_map() as nothing, MapServer(nothing, SMALL) as server:
         page = open_page(of=server)
         says(page, "#empty", "hereabouts map")
         assert page.is_visible("#empty")

@@ -42,7 +42,6 @@ LOOPBACK = """<CycloneDDS><Domain><General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>20</MaxAutoParticipantIndex>
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
-ROOT = Path(__file__).resolve().parents[4]
 #: the first of eight domains that no other process of a run of tests uses; without processes
 #: beside this one, those of another run are likely to be others
 _WORKER = os.environ.get("PYTEST_XDIST_WORKER")
@@ -65,8 +64,7 @@ def bag(room: FolderRecording, tmp_path: Path) -> Path:
 @contextmanager
 def peer(bag: Path) -> Iterator[subprocess.Popen[bytes]]:
     command = [sys.executable, ros2_peer.__file__, str(DOMAIN), str(bag)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment) as process:
+    with subprocess.Popen(command) as process:
         try:
             yield process
         finally:
