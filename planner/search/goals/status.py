@@ -19,7 +19,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
 from kg.model.shares import chance, percent
-from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import (
     StatedCategory,
@@ -99,8 +98,8 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         if unseen is None:
             raise
         return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
-    size = usual_size(category.label)
-    rows = semantic_map.query("status", category=category.iri, size=size).records()
+    size = float(semantic_map.resolve("size", category.iri))
+    rows = semantic_map.query("status", category=category.iri).records()
     stated = stated_categories(semantic_map)
     found = tuple(_place(row, size, stated) for row in rows)
     if place is not None:
@@ -112,11 +111,6 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
     return Status(category.label, value, proof + hidden, found, out_of_view=hidden)
-
-
-def usual_size(category: str) -> float:
-    """[m] the longest side that things of a category (its label) usually have."""
-    return usual_sizes().get(category, UNUSUAL).longest
 
 
 def _place(row: Row, size: float, said: Mapping[str, StatedCategory]) -> PlaceStatus:
