@@ -135,7 +135,7 @@ def view_coverage(
     inside = times[:, _cells_within(area, cell, margin) & ~furniture]
     if not inside.any():
         return None
-    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
+    close, share = (round(float((grid > 0).mean()), 3) for grid in inside)
     return PlaceViews(max(close, share), close, float(inside.max()) * 60)
 
 
