@@ -47,6 +47,16 @@ def test_shares_are_of_the_area_across_tiles() -> None:
     assert view_coverage(area, times({}), SETTINGS) is None
 
 
+def test_a_room_hardly_viewed_is_not_rounded_up_to_one_that_was_looked_at() -> None:
+    viewed = np.zeros((2, 16, 16), np.uint32)
+    viewed[1, 2:14, 7] = 5  # 12 of 256 cells
+    tile = np.full((64, 64), FREE, np.uint8), viewed
+    area = Area(0.0, 3.2, 0.0, 3.2)
+    found = view_coverage(area, lambda key: tile if key == (0, 0) else None, SETTINGS)
+    assert found is not None
+    assert found.share == pytest.approx(12 / 256, abs=0.001) and found.close_share == 0
+
+
 def test_cells_on_the_border_of_an_area_do_not_count() -> None:
     """What is beyond the wall is in view in them as well."""
     assert view_coverage(Area(-3.0, 0.1, 0.0, 3.2), times({(0, 0): 5}), SETTINGS) is None
