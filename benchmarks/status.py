@@ -57,7 +57,7 @@ class Answer:
 def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[Answer], int]:
     """Answers for the house of `seed`, and how many pairs count neither way."""
     house, random, truth = random_house(seed), np.random.default_rng([seed, 29]), HouseTruth()
-    points = surfaces(house)
+    points, layout, rooms = surfaces(house), layout_of(house), house.rooms
     with in_memory_map() as semantic_map:
         for number in range(sessions):
             if number:  # the rooms in reverse order, small things moved, vanished and come
@@ -67,7 +67,6 @@ def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[An
             tour = SimulatedTour(camera, name=f"session-{number + 1}", start=start)
             session = TourPart(camera, tour, part, np.concatenate([points, truth.spots()]))
             detector = detector_of(camera, SENSES[senses])
-            layout = layout_of(random_house(seed))
             map_recording(
                 session,
                 semantic_map,
@@ -75,7 +74,7 @@ def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[An
                 options=MappingOptions(layout=layout, same_frame=True),
             )
             truth.add(session, len(points))
-        return _compared(seed, semantic_map, truth, random_house(seed).rooms)
+        return _compared(seed, semantic_map, truth, rooms)
 
 
 def _compared(

@@ -265,6 +265,7 @@ class SemanticMap(ABC):
     def resolve(self, kind: str, text: str) -> str:
         """IRI of a "category", a "place" or any thing ("iri") by its name, at every door.
 
+        As "size" a category gives its usual longest side [m] as text.
         A place has a label, a number and an IRI; a thing an id (object/17), an IRI, a label in
         large or small letters, with or without an article, and its category where it alone has it.
         As "thing" only ids, IRIs and labels count, and other texts are "". As "asserted" a thing

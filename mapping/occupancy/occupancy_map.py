@@ -18,7 +18,7 @@ from kg.maps.facts.occupancy import tile_iri, tile_of
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.subscriptions import ExternalChanges
 from kg.model.areas import Area
-from kg.model.records import UNKNOWN, FloorTile, PlaceViews
+from kg.model.records import TALL, UNKNOWN, FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import Floats, FramePoints, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import (
@@ -97,14 +97,15 @@ def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
 
 def view_coverage(
     area: Area,
-    views: Callable[[Key], ViewTimes | None],
+    tiles: Callable[[Key], tuple[States, ViewTimes] | None],
     settings: OccupancySettings,
     margin: float = 0.0,
 ) -> PlaceViews | None:
     """Views of an area by those of its tiles; None where nothing of it was viewed.
 
     Shares are of the cells that lie inside completely, `margin` [m] from the border, since cells
-    nearer to it are wall, or floor beyond the wall.
+    nearer to it are wall, or floor beyond the wall. Unviewed cells with a tall obstacle do not
+    count, nor unobserved ones beside them: nothing else stands inside a wardrobe.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
     corners = _corners(area, cell)
@@ -113,24 +114,35 @@ def view_coverage(
         return None
     low, shape = _grid(corners)
     times = np.zeros((2, *shape), np.uint32)
+    tall, unknown = np.zeros(shape, np.bool_), np.ones(shape, np.bool_)
     columns, rows = (
         range(int(np.floor(start / larger)), int(np.ceil((start + count) / larger)))
         for start, count in zip(low, shape, strict=True)
     )
     for key in product(columns, rows):
-        viewed = views(key)
-        if viewed is None:
+        found = tiles(key)
+        if found is None:
             continue
+        states = found[0].reshape(larger, settings.view, larger, settings.view)
         offset = np.array(key) * larger - low  # of the tile on the area's grid
         first, last = np.maximum(offset, 0), np.minimum(offset + larger, shape)
-        part = [slice(a, b) for a, b in zip(first, last, strict=True)]
-        own = [slice(a, b) for a, b in zip(first - offset, last - offset, strict=True)]
-        times[:, part[0], part[1]] = viewed[:, own[0], own[1]]
-    inside = times[:, _cells_within(area, cell, margin)]
+        part = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+        own = tuple(slice(a, b) for a, b in zip(first - offset, last - offset, strict=True))
+        times[:, *part] = found[1][:, *own]
+        tall[part] = (states == TALL).any(axis=(1, 3))[own]
+        unknown[part] = (states == UNKNOWN).all(axis=(1, 3))[own]
+    furniture = (tall | unknown & _beside(tall)) & (times[1] == 0)
+    inside = times[:, _cells_within(area, cell, margin) & ~furniture]
     if not inside.any():
         return None
-    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
+    close, share = (round(float((grid > 0).mean()), 3) for grid in inside)
     return PlaceViews(max(close, share), close, float(inside.max()) * 60)
+
+
+def _beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(nx, ny) cells that share a side with one of `cells`."""
+    around = np.pad(cells, 1)
+    return around[:-2, 1:-1] | around[2:, 1:-1] | around[1:-1, :-2] | around[1:-1, 2:]
 
 
 def _corners(area: Area, cell: float) -> Floats:
@@ -293,14 +305,14 @@ class OccupancyMap:
         Cells nearer than `margin` [m] to the area's border do not count.
         """
 
-        def times(key: Key) -> ViewTimes | None:
+        def tile(key: Key) -> tuple[States, ViewTimes] | None:
             cached = self._tiles.get((storey, key))
             if cached is not None:
-                return cached.tile.viewed
+                return cached.tile.states(self._settings), cached.tile.viewed
             known = self._known((storey, key))
-            return None if known is None else _written(self._settings, known)[1]
+            return None if known is None else _written(self._settings, known)
 
-        return view_coverage(area, times, self._settings, margin)
+        return view_coverage(area, tile, self._settings, margin)
 
     def take_rest(self) -> tuple[FloorTile, ...]:
         """Tiles with any state that is not written yet."""

@@ -26,7 +26,7 @@ from planner.search.goals.place_names import (
     titled_places,
 )
 from planner.search.goals.search_goals import plural, with_article
-from planner.search.goals.status import Value, status, usual_size, was_there
+from planner.search.goals.status import Value, status, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
 
@@ -201,8 +201,7 @@ class Answerer(ThingAnswers):
             elsewhere = self._sure(target) if place is not None and one is None else []
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
-        size = str(usual_size(target.kind))
-        return self._made("status", lines, category=target.kind, size=size)
+        return self._made("status", lines, category=target.kind)
 
     def _each(self, target: Target, known: Sequence[KnownObject]) -> PlainAnswer:
         """Whether all known things of a target are where the question says."""

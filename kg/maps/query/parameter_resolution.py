@@ -30,6 +30,7 @@ from kg.model.errors import (
 )
 from kg.model.place_names import likely_kind, place_titles, titled
 from kg.model.records import PlaceRecord, likeliest
+from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from kg.rdf.quad_store import QuadStore, subcategories
 
 _LISTED: Final = 8  # labels in a message
@@ -64,11 +65,14 @@ class ParameterResolver:
         """The IRI that `text` means as a parameter of type ``iri``, ``category`` or ``place``.
 
         Of type ``thing`` only an id, an IRI or a label, without the other ways to name a thing;
-        "" for any other text. Raises UnknownCategoryError or QueryParameterError, which list the
-        alternatives.
+        "" for any other text. Of type ``size`` the usual longest side of a category [m]. Raises
+        UnknownCategoryError or QueryParameterError, which list the alternatives.
         """
         if kind == "category":
             return self._category(text)
+        if kind == "size":
+            category = self.catalogue.label(self._category(text))
+            return str(usual_sizes().get(category, UNUSUAL).longest)
         if kind == "place":
             return self._place(text)
         found = self._identified(text) or self._labelled_thing(text)

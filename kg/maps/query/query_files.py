@@ -47,7 +47,8 @@ from kg.rdf.sparql.lexer import (
     variables_in,
 )
 
-#: (parameter type, text) -> IRI; raises HereaboutsError for names that the map lacks
+#: (parameter type, text) -> IRI; raises HereaboutsError for names that the map lacks.
+#: ("size", category) -> length in metres, as text
 Resolver = Callable[[str, str], str]
 
 ANSWERS = ("lookup", "listing", "survey")
@@ -56,6 +57,7 @@ LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
 _HEADER = re.compile(
     r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
 )
+_SIZE_OF = re.compile(r"size of (\w+)")
 _FORMS = ("select ", "ask ", "construct ", "describe ", "prefix ", "base ")
 _AREAS: dict[str, tuple[Callable[..., tuple[str, ...] | None], int]] = {
     "disc": (cells_of_disc, 3),
@@ -163,6 +165,8 @@ class ParameterizedQuery:
 
     def _term(self, parameter: Parameter, values: Mapping[str, object], resolve: Resolver) -> Term:
         value = values.get(parameter.name, parameter.default)
+        if value is parameter.default and (of := _SIZE_OF.fullmatch(str(value))):
+            value = resolve("size", str(values.get(of[1])))
         if value is None:
             about = f": {parameter.about}" if parameter.about else ""
             raise QueryParameterError(

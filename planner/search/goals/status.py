@@ -19,7 +19,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
 from kg.model.shares import chance, percent
-from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import (
     StatedCategory,
@@ -38,6 +37,8 @@ _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
 _LOOKED_AT: Final = 0.05  # viewed share of a place, below which nobody looked, as in `status.rq`
 _REAL: Final = 0.8, 3  # greatest existence and observations of what was there, as in `status.rq`
 _SOON: Final = 60.0, 10  # [s] until it was found gone, below which more observations are asked
+_ALL: Final = 0.995  # viewed share from which on nothing is said of the rest
+_NO_ROOM: Final = 0.0005  # chance below which a thing has no room out of view
 _LARGE: Final = 0.5  # [m] usual size from which on a thing is noticed from up to 4 m
 
 
@@ -99,8 +100,8 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         if unseen is None:
             raise
         return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
-    size = usual_size(category.label)
-    rows = semantic_map.query("status", category=category.iri, size=size).records()
+    size = float(semantic_map.resolve("size", category.iri))
+    rows = semantic_map.query("status", category=category.iri).records()
     stated = stated_categories(semantic_map)
     found = tuple(_place(row, size, stated) for row in rows)
     if place is not None:
@@ -112,11 +113,6 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
     return Status(category.label, value, proof + hidden, found, out_of_view=hidden)
-
-
-def usual_size(category: str) -> float:
-    """[m] the longest side that things of a category (its label) usually have."""
-    return usual_sizes().get(category, UNUSUAL).longest
 
 
 def _place(row: Row, size: float, said: Mapping[str, StatedCategory]) -> PlaceStatus:
@@ -172,10 +168,12 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> tuple[str, str]:
     rest = f", and more of {others} other place{'s' * (others > 1)}" if others else ""
     last = max((one.last_viewed for one in places if one.last_viewed), default=None)
     at = f", last {stamp(last)}" if last else ""
-    unseen = max(places, key=lambda one: one.out_of_view)
+    unseen = max(places, key=lambda one: (one.out_of_view, -one.viewed_share))
     viewed = f"the robot viewed {', '.join(parts)}{rest}{at}"
-    if unseen.out_of_view < 0.005:
+    if least[0].viewed_share >= _ALL:
         return viewed, ""
+    if unseen.out_of_view < _NO_ROOM:
+        return viewed, "; no part out of view is large enough for one"
     of = f", most in {unseen.place_label}" if len(places) > 1 else ""
     return viewed, f"; the chance that one stood out of view is {percent(unseen.out_of_view)}{of}"
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from kg.model.areas import Area, area_of
-from kg.model.records import MapUpdate
+from kg.model.records import FREE, LOW, TALL, UNKNOWN, MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap, view_coverage
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.occupancy.tiles import Key, ViewTimes
+from mapping.occupancy.tiles import Key, States, ViewTimes
 from mapping.places.layout import Layout, LayoutPlace
 from perception.frames import Detections
 from tests.mapping.occupancy.test_occupancy_map import WALL, look
@@ -23,15 +23,15 @@ SETTINGS = OccupancySettings()
 NOTHING = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
 
 
-def times(minutes: dict[Key, int]) -> Callable[[Key], ViewTimes | None]:
+def times(minutes: dict[Key, int]) -> Callable[[Key], tuple[States, ViewTimes] | None]:
     """Tiles all of which were viewed at a minute, the left half (least x) from close by."""
 
-    def of(key: Key) -> ViewTimes | None:
+    def of(key: Key) -> tuple[States, ViewTimes] | None:
         if key not in minutes:
             return None
         viewed = np.full((2, 16, 16), minutes[key], np.uint32)
         viewed[0, 8:] = 0
-        return viewed
+        return np.full((64, 64), UNKNOWN, np.uint8), viewed
 
     return of
 
@@ -47,9 +47,44 @@ def test_shares_are_of_the_area_across_tiles() -> None:
     assert view_coverage(area, times({}), SETTINGS) is None
 
 
+def test_a_room_hardly_viewed_is_not_rounded_up_to_one_that_was_looked_at() -> None:
+    viewed = np.zeros((2, 16, 16), np.uint32)
+    viewed[1, 2:14, 7] = 5  # 12 of 256 cells
+    tile = np.full((64, 64), FREE, np.uint8), viewed
+    area = Area(0.0, 3.2, 0.0, 3.2)
+    found = view_coverage(area, lambda key: tile if key == (0, 0) else None, SETTINGS)
+    assert found is not None
+    assert found.share == pytest.approx(12 / 256, abs=0.001) and found.close_share == 0
+
+
 def test_cells_on_the_border_of_an_area_do_not_count() -> None:
     """What is beyond the wall is in view in them as well."""
     assert view_coverage(Area(-3.0, 0.1, 0.0, 3.2), times({(0, 0): 5}), SETTINGS) is None
+
+
+def test_nothing_is_out_of_view_inside_a_wardrobe() -> None:
+    """Its front is tall, and what is behind the front was never observed."""
+    states, viewed = np.full((64, 64), FREE, np.uint8), np.full((2, 16, 16), 5, np.uint32)
+    viewed[:, 4:8, 12:] = 0  # 0.8 m wide, 0.8 m deep
+    states[16:32, 48:] = UNKNOWN
+    area = Area(0.0, 3.2, 0.0, 3.2)
+
+    def share() -> float:
+        found = view_coverage(
+            area, lambda key: (states, viewed) if key == (0, 0) else None, SETTINGS
+        )
+        assert found is not None
+        return found.share
+
+    assert share() == pytest.approx(
+        1 - 16 / 256, abs=0.01
+    )  # it could as well be floor behind a couch
+    states[16:32, 48:50] = LOW
+    assert share() == pytest.approx(1 - 16 / 256, abs=0.01)
+    states[16:32, 48:50] = TALL
+    assert share() == pytest.approx(1 - 8 / 248, abs=0.01)  # the front, and 0.2 m behind it
+    states[16:18, 48:] = states[30:32, 48:] = TALL
+    assert share() == 1.0
 
 
 def test_an_area_may_lie_anywhere_and_be_of_any_shape() -> None:
