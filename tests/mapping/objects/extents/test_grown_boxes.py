@@ -115,6 +115,17 @@ def test_the_hidden_back_of_a_cupboard_is_told_by_its_outlines() -> None:
     assert fitted.overlap(true) > 2 * grown.overlap(true)
 
 
+def test_a_lit_screen_that_images_cut_reaches_their_border() -> None:
+    screen = OrientedBox(np.array([0.0, 0.0, 1.5]), np.array([0.9, 0.06, 0.5]), 0.0)
+    rim = OrientedBox(np.array([0.0, 0.0, 1.26]), np.array([0.9, 0.06, 0.02]), 0.0)
+    poses = [pose((x, -1.2, 1.2), (x, 0.0, 0.9)) for x in (-0.2, 0.0, 0.2)]
+    box = fitted_box(rim, BoxViews.of([view(T, shell(screen)) for T in poses]))
+    assert box is not None
+    bottom, top = (box.centre[2] + side * box.extent[2] / 2 for side in (-1, 1))
+    assert bottom == pytest.approx(1.25, abs=0.02), "its rim alone has depth"
+    assert top == pytest.approx(1.44, abs=0.04), "as high as the image shows at its distance"
+
+
 def table_and_views(cut: float) -> tuple[Floats, BoxViews]:
     """A table top of 2 m by 1 m, and views that show `cut` [m] of it at one end."""
     top = shell(OrientedBox(np.array([0.0, 0.0, 0.7]), np.array([2.0, 1.0, 0.03]), 0.0))
