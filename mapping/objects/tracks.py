@@ -225,7 +225,8 @@ class Track:
             known = usual(category)
             fit = SIZE * size_log_likelihood(size, known)
             self.log_odds[category] = held.log_odds(self.looks - held.looks, fit, MISSED_NAME)
-            self.judged[category] = held.log_odds(missed, fit + beyond(sides, known))
+            fit += beyond(sides, known, size)
+            self.judged[category] = held.log_odds(missed, fit)
         self.conclude()
         self.usual = usual(self.name) or UNUSUAL
 
@@ -350,7 +351,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
     for category, odds in _log_odds(record).items():
         track.evidence[category] = CategoryEvidence()
         known = usual_size(category)
-        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known)
+        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known, size)
         track.evidence[category].set_log_odds(odds, fit)
     track.assess(usual_size)
     return track

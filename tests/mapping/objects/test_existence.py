@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.model.usual_sizes import VOXEL, UsualSize, usual_sizes
+from kg.model.usual_sizes import VOXEL, UsualSize, unusual_scale, usual_sizes
 from mapping.objects.absence import Absence
 from mapping.objects.existence import (
     BEYOND,
@@ -23,7 +23,6 @@ from mapping.objects.existence import (
     ray_test,
     size_log_likelihood,
     strength,
-    unusual_scale,
     visibility,
 )
 from mapping.objects.settings import ObjectSettings
@@ -288,6 +287,16 @@ def test_one_side_beyond_the_largest_speaks_against_a_name():
     fits = [beyond(sides, BOOK) for sides in ((0.1, 0.53, 0.2), (0.95, 0.86, 0.7))]
     assert fits[0] == pytest.approx(-math.log(0.53 / (0.45 + VOXEL)) / BEYOND)
     assert fits[1] == WORST
+
+
+@pytest.mark.parametrize(("sides", "size"), [((0.63, 0.63, 0.7), 0.9), ((), 0.7)])
+def test_what_is_shorter_than_half_a_bed_is_hardly_one(sides, size):
+    usual = usual_sizes()
+    assert beyond(sides, usual["bed"], size) == pytest.approx(-math.log(1.0 / 0.7) / BEYOND)
+    assert beyond((1.1, 0.9, 0.4), usual["bed"], 0.7) == 0, "its box shows more than one view"
+    for seen_in_part in ("chair", "tv", "person"):
+        assert beyond((0.2, 0.2, 0.1), usual[seen_in_part], 0.2) == 0
+    assert beyond((), usual["bed"]) == 0, "nothing is known"
 
 
 SETTINGS = ObjectSettings()
