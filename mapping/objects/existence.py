@@ -8,10 +8,11 @@ category's hits and M of the thing's misses, the log-odds against there being no
     SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood + beyond - NOTHING
 
 where `beyond` is below 0 if the box that is grown from the surface is too large for the category,
-or less than half of a large thing.
+or less than half of a large thing. While a run has looked from few viewpoints, `early` is added:
+mistakes become candidates as views add up, and things that are there do not.
 While a thing is followed from frame to frame, its categories are judged one by one: M is then of
 looks without that category, weighed by MISSED_NAME, and the box does not count. The logarithm lets
-evidence saturate, since detectors repeat their mistakes. One look never reaches 0.9. The numbers
+evidence saturate, since detectors repeat their mistakes. One look never reaches 0.93. The numbers
 were chosen on tracks of real rooms and simulated houses (lab/research/mapping_trials.md); they hold
 for every detector.
 """
@@ -37,6 +38,8 @@ MISSED: Final = 1.3
 MISSED_NAME: Final = 1.5  # of a look without the one category, while things are followed
 SIZE: Final = 0.95
 NOTHING: Final = 2.65
+EARLY: Final = 0.3  # times the logarithm of MANY / viewpoints, while these are few, less NOTHING
+MANY: Final = 33  # viewpoints of a run
 MAX_ODDS: Final = 5.0  # of one detection
 HALF_SEEN: Final = 0.2  # side, as a share of the image's, of a thing whose miss counts half
 
@@ -71,6 +74,11 @@ def strength(score: float) -> float:
 def visibility(side: float) -> float:
     """Weight of a miss of a thing whose `side` is that share of the image's, in 0..1."""
     return 1 / (1 + (HALF_SEEN / max(side, 1e-6)) ** 2)
+
+
+def early(viewpoints: int) -> float:
+    """Log-odds that things gain while a run has looked from few `viewpoints`; 0: from unknown."""
+    return EARLY * math.log(MANY / viewpoints) if 0 < viewpoints < MANY else 0.0
 
 
 def category_probabilities(log_odds: Mapping[str, float]) -> dict[str, float]:

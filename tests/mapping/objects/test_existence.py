@@ -13,11 +13,13 @@ from kg.model.usual_sizes import VOXEL, UsualSize, unusual_scale, usual_sizes
 from mapping.objects.absence import Absence
 from mapping.objects.existence import (
     BEYOND,
+    MANY,
     WORST,
     CategoryEvidence,
     VolumeView,
     beyond,
     category_probabilities,
+    early,
     in_front,
     logit,
     ray_test,
@@ -297,6 +299,13 @@ def test_what_is_shorter_than_half_a_bed_is_hardly_one(sides, size):
     for seen_in_part in ("chair", "tv", "person"):
         assert beyond((0.2, 0.2, 0.1), usual[seen_in_part], 0.2) == 0
     assert beyond((), usual["bed"]) == 0, "nothing is known"
+
+
+def test_things_are_likelier_while_a_run_has_looked_from_few_viewpoints():
+    gained = [early(viewpoints) for viewpoints in (1, 3, 10, MANY - 1, MANY, 1000)]
+    assert gained == sorted(gained, reverse=True)
+    assert gained[0] == pytest.approx(1.05, abs=0.01)
+    assert gained[-2:] == [0, 0] == [early(0), early(0)], "nothing is known of the run"
 
 
 SETTINGS = ObjectSettings()
