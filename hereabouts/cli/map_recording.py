@@ -330,7 +330,7 @@ def print_outcome(
 
 def _note_sizes(semantic_map: SemanticMap) -> None:
     """A line where things of most categories are larger or smaller than they usually are."""
-    from mapping.objects.existence import unusual_scale
+    from kg.model.usual_sizes import unusual_scale
 
     label = semantic_map.catalogue.label
     factor = unusual_scale(

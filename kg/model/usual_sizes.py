@@ -10,9 +10,11 @@ from __future__ import annotations
 import csv
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -21,8 +23,14 @@ from kg.model.areas import OrientedBox
 
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
+_WIDE: Final = 0.5  # [m] width of large things
 _BAND: Final = (0.5, 0.9)  # shares of its usual height that what stands on the floor fills ...
 _FLOOR: Final = (-0.1, 1.3)  # ... where it was seen between that many metres and heights above it
+
+MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
+LARGE: Final = 1.6  # factor from which sizes are unusual ...
+SMALL: Final = 0.35  # ... and below which: things are often seen in part
+ALIKE: Final = 0.75  # share of the categories that must agree
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +46,10 @@ class UsualSize:
         """Greatest ratio of one of three `sides` [m] to that of the largest things, at least 1."""
         pairs = zip(sorted(sides, reverse=True), self.greatest, strict=True)
         return max(1.0, *(side / (greatest + VOXEL) for side, greatest in pairs))
+
+    def lack(self, longest: float) -> float:
+        """Ratio of half the usual longest side of a large thing to `longest` [m], at least 1."""
+        return max(1.0, self.longest / 2 / longest) if self.width >= _WIDE else 1.0
 
     def whole(self, box: OrientedBox) -> OrientedBox:
         """`box` with the hidden parts of what stands on the floor, which is at height 0.
@@ -76,11 +88,34 @@ def usual_sizes() -> Mapping[str, UsualSize]:
     }
 
 
+def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
+    """Factor by which things are larger than usual, by (label, longest dimension [m]) of each.
+
+    A wrong unit of depth makes a room that is consistent, and larger or smaller by one factor.
+    None where they are about as large as usual, or too few of their usual sizes are known.
+    """
+    usual, found = usual_sizes(), defaultdict[str, list[float]](list)
+    for label, size in sizes:
+        if label in usual and size > 0:
+            found[label].append(math.log(size / usual[label].longest))
+    if len(found) < MIN_CATEGORIES:
+        return None
+    by_category = [median(ratios) for ratios in found.values()]
+    factor = math.exp(median(by_category))
+    for limit, sign in ((LARGE, 1), (SMALL, -1)):
+        beyond = sum(sign * (ratio - math.log(limit)) > 0 for ratio in by_category)
+        if beyond >= ALIKE * len(by_category):
+            return factor
+    return None
+
+
 def size_reason(label: str, sides: Sequence[float]) -> str:
     """A sentence: a box of three `sides` [m] fits a name or not; "" where its size is unknown."""
     usual = usual_sizes().get(label)
     if usual is None:
         return ""
     own, largest = (" x ".join(f"{x:.2f}" for x in found) for found in (sides, usual.greatest))
+    if usual.lack(max(sides)) > 1:
+        return f"the size speaks against {label}: {own} m, and {usual.longest:.2f} m is usual"
     verdict = "speaks against" if usual.excess(sides) > 1 else "fits"
     return f"the size {verdict} {label}: {own} m, the largest have {largest} m"

@@ -101,9 +101,9 @@ class BayesObjectMapper(ObjectMapper):
         self.refresh()
         looked_from = self._held.run.looked_from
         looked_from.update(dict.fromkeys(detections.detectors, frame.T_map_cam.tolist()))
-        self._updater.begin(frame.stamp, len(detections.detectors) == 1 < len(looked_from))
-        self.fates.begin(self._held.tracks)
         view = viewpoint(frame.T_map_cam)
+        self._updater.begin(frame.stamp, len(detections.detectors) == 1 < len(looked_from), view)
+        self.fates.begin(self._held.tracks)
         self.sightings = sightings = self._extractor.sightings(frame, detections)
         self.unplaced = self._extractor.unplaced
         known = self._associated(sightings)
@@ -182,11 +182,10 @@ class BayesObjectMapper(ObjectMapper):
         return self._changes([], [track], ())
 
     def finish(self) -> ObjectChanges:
-        """Objects with other boxes than in the map, once all views count."""
-        if self._grower is None:
-            return ObjectChanges()
+        """Objects that change once all views count: other boxes, or less certain than early on."""
         self.refresh()
-        tracks = self._grower.grow_rest(self._held.tracks)
+        tracks = [] if self._grower is None else self._grower.grow_rest(self._held.tracks)
+        tracks += [track for track in self._held.tracks if track.early > self._updater.early]
         for track in tracks:
             self._updater.reassess(track)
         grown = {track.iri: self._record(track) for track in tracks if track.iri is not None}

@@ -7,10 +7,12 @@ category's hits and M of the thing's misses, the log-odds against there being no
 
     SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood + beyond - NOTHING
 
-where `beyond` is below 0 if the box that is grown from the surface is too large for the category.
+where `beyond` is below 0 if the box that is grown from the surface is too large for the category,
+or less than half of a large thing. While a run has looked from few viewpoints, `early` is added:
+mistakes become candidates as views add up, and things that are there do not.
 While a thing is followed from frame to frame, its categories are judged one by one: M is then of
 looks without that category, weighed by MISSED_NAME, and the box does not count. The logarithm lets
-evidence saturate, since detectors repeat their mistakes. One look never reaches 0.9. The numbers
+evidence saturate, since detectors repeat their mistakes. One look never reaches 0.93. The numbers
 were chosen on tracks of real rooms and simulated houses (lab/research/mapping_trials.md); they hold
 for every detector.
 """
@@ -18,17 +20,15 @@ for every detector.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from statistics import median
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.usual_sizes import UsualSize, usual_sizes
+from kg.model.usual_sizes import UsualSize
 from mapping.frames.projection import to_camera
 from mapping.objects.settings import ObjectSettings
 from perception.frames import Frame
@@ -38,6 +38,8 @@ MISSED: Final = 1.3
 MISSED_NAME: Final = 1.5  # of a look without the one category, while things are followed
 SIZE: Final = 0.95
 NOTHING: Final = 2.65
+EARLY: Final = 0.3  # times the logarithm of MANY / viewpoints, while these are few, less NOTHING
+MANY: Final = 33  # viewpoints of a run
 MAX_ODDS: Final = 5.0  # of one detection
 HALF_SEEN: Final = 0.2  # side, as a share of the image's, of a thing whose miss counts half
 
@@ -74,6 +76,11 @@ def visibility(side: float) -> float:
     return 1 / (1 + (HALF_SEEN / max(side, 1e-6)) ** 2)
 
 
+def early(viewpoints: int) -> float:
+    """Log-odds that things gain while a run has looked from few `viewpoints`; 0: from unknown."""
+    return EARLY * math.log(MANY / viewpoints) if 0 < viewpoints < MANY else 0.0
+
+
 def category_probabilities(log_odds: Mapping[str, float]) -> dict[str, float]:
     """Probability of each category, against the others and against there being nothing.
 
@@ -98,11 +105,6 @@ OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things loo
 WORST: Final = -4.0  # an outlier by size costs no more than this
 BEYOND: Final = 0.1  # a side so much beyond the greatest usual one, in logarithms, costs 1
 
-MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
-LARGE: Final = 1.6  # factor from which sizes are unusual ...
-SMALL: Final = 0.35  # ... and below which: things are often seen in part
-ALIKE: Final = 0.75  # share of the categories that must agree
-
 
 def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
     """Log-likelihood of a longest dimension `size` [m], log-normal about `usual`; 0 at its mode.
@@ -117,36 +119,18 @@ def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
     return max(-0.5 * deviation * deviation, WORST)
 
 
-def beyond(sides: Sequence[float], usual: UsualSize | None) -> float:
+def beyond(sides: Sequence[float], usual: UsualSize | None, size: float = 0.0) -> float:
     """Log-likelihood of the `sides` [m] of a thing's box (none: unknown) in a category, 0 at best.
 
-    No side is longer than that of the largest things of a category. Shorter ones say nothing,
-    since a box may hold only a part.
+    No side is longer than that of the largest things of a category. Shorter ones say nothing, since
+    a box may hold only a part, but of large things it holds half at least. Without a box the
+    longest dimension `size` [m] counts, 0 where it is unknown.
     """
-    if usual is None or not sides:
+    longest = max(sides, default=size)
+    if usual is None or longest <= 0:
         return 0.0
-    return max(-math.log(usual.excess(sides)) / BEYOND, WORST)
-
-
-def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
-    """Factor by which things are larger than usual, by (label, longest dimension [m]) of each.
-
-    A wrong unit of depth makes a room that is consistent, and larger or smaller by one factor.
-    None where they are about as large as usual, or too few of their usual sizes are known.
-    """
-    usual, found = usual_sizes(), defaultdict[str, list[float]](list)
-    for label, size in sizes:
-        if label in usual and size > 0:
-            found[label].append(math.log(size / usual[label].longest))
-    if len(found) < MIN_CATEGORIES:
-        return None
-    by_category = [median(ratios) for ratios in found.values()]
-    factor = math.exp(median(by_category))
-    for limit, sign in ((LARGE, 1), (SMALL, -1)):
-        beyond = sum(sign * (ratio - math.log(limit)) > 0 for ratio in by_category)
-        if beyond >= ALIKE * len(by_category):
-            return factor
-    return None
+    misfit = max(usual.excess(sides) if sides else 1.0, usual.lack(longest))
+    return max(-math.log(misfit) / BEYOND, WORST)
 
 
 class VolumeView(Enum):

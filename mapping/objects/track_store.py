@@ -45,7 +45,7 @@ _SCHEMA: Final = (
 _RUN: Final = 0  # number of the row that holds the state of the run
 _PLAIN: Final = (
     *("iri", "size", "looks", "absent", "peak", "observations", "weight"),
-    *("first_seen", "last_seen", "last_frame", "place", "shown", "grown"),
+    *("first_seen", "last_seen", "last_frame", "place", "shown", "grown", "early"),
 )
 _POINTS: Final = ("p_map", "low", "high")
 _DAMAGE: Final = (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError)
@@ -64,6 +64,7 @@ class RunState:
     frame: int = 0  # number of the last frame
     stamp: float = 0.0  # [s] of the last frame
     looked_from: dict[str, list[list[float]]] = field(default_factory=dict)  # detector -> pose
+    viewpoints: list[list[int]] = field(default_factory=list)
 
 
 class TrackStore:
@@ -226,7 +227,8 @@ def _corners(packed: str | list[list[float]]) -> NDArray[np.float64]:
 
 
 def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
-    plain = {name: state[name] for name in _PLAIN}
+    plain = {name: state[name] for name in _PLAIN if name != "early"}
+    plain["early"] = state.get("early", 0.0)  # files of earlier releases have none
     points: dict[str, Any] = {
         name: np.array(state[name], np.float64).reshape(3) for name in _POINTS
     }
@@ -254,7 +256,7 @@ def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
         best = dict(state["best"])
         track.best = Evidence(**best | {"box": tuple(best["box"])})
     numbers = [track.size, track.looks, track.weight, track.first_seen, track.last_seen]
-    numbers += [track.shown, track.grown, *(box or ())]
+    numbers += [track.shown, track.grown, track.early, *(box or ())]
     boxes = (*points.values(), *lows, *highs, track.sizes)
     if len(lows) != len(highs) or not all(np.isfinite(part).all() for part in (*boxes, numbers)):
         raise ValueError("a number that is not finite")
@@ -289,6 +291,7 @@ class TrackedThings:
         """Store the tracks beside the map, before its transaction of that number."""
         if self._store is not None:
             self.run.frame, self.run.stamp = self._updater.frame, self._updater.stamp
+            self.run.viewpoints = [[*view] for view in sorted(self._updater.viewpoints)]
             self._store.save(self.tracks, self.run, sequence)
 
     def positions(self) -> NDArray[np.float64]:
@@ -373,6 +376,7 @@ class TrackedThings:
             stored, self.run = self._store.load(self._map.sequence, self._settings)
             numbers.reserve(track.number for track in stored)
             self._updater.frame, self._updater.stamp = self.run.frame, self.run.stamp
+            self._updater.viewpoints = {tuple(map(int, view)) for view in self.run.viewpoints}
         tracks, held = list[Track](), dict(self._objects.perceived)
         for track in stored:
             if any(self.catalogue.by_iri(category) is None for category in track.evidence):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -11,7 +12,7 @@ from kg.model.records import Evidence
 from kg.model.usual_sizes import UsualSize, usual_sizes
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
-from mapping.objects.existence import VolumeView, ray_test, visibility
+from mapping.objects.existence import MANY, VolumeView, early, ray_test, visibility
 from mapping.objects.extents.box_fit import view_row
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, Viewpoint
@@ -33,11 +34,18 @@ class TrackUpdater:
         self._recording, self._model = recording, model
         self.frame = 0  # number of the present one
         self.stamp = 0.0  # [s] of the present one
+        self.viewpoints = set[Viewpoint]()  # that frames came from, up to MANY
+        self.early = math.inf  # log-odds that things gain by few of these, from the first frame on
         self._counts = 1.0  # share that a miss in it counts
 
-    def begin(self, stamp: float | None = None, partial: bool = False) -> None:
+    def begin(
+        self, stamp: float | None = None, partial: bool = False, view: Viewpoint | None = None
+    ) -> None:
         """Begin the next frame, at `stamp` [s] or the last; `partial`: one network of two looks."""
         self.frame += 1
+        if view is not None and len(self.viewpoints) < MANY:
+            self.viewpoints.add(view)
+        self.early = early(len(self.viewpoints))
         self._counts = self._settings.one_of_two if partial else 1.0
         self.stamp = self.stamp if stamp is None else stamp
 
@@ -81,6 +89,7 @@ class TrackUpdater:
             p_map=sighting.p_map.copy(),
             size=sighting.size,
             settings=self._settings,
+            early=self.early,
             first_seen=stamp,
             last_seen=stamp,
         )
@@ -111,6 +120,7 @@ class TrackUpdater:
 
     def assess(self, track: Track) -> None:
         """Compute existence and absence anew, from the evidence, the size and the time."""
+        track.early = min(track.early, self.early)
         track.assess(self.usual_size, self.departed(track, self.stamp - track.last_seen))
 
     def reassess(self, track: Track) -> None:

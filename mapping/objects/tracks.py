@@ -82,6 +82,7 @@ class Track:
     evidence: dict[str, CategoryEvidence] = field(default_factory=dict)  # by category
     looks: float = 0.0  # that showed its place, each as much as it counts as a miss
     absence: Absence = field(default_factory=Absence)
+    early: float = 0.0  # log-odds gained by few looks of the run, as last assessed
     absent: float = 0.0  # probability that it left the spot where it was last seen
     peak: float = 0.0  # greatest existence so far
     stale: bool = False  # whether it was last seen long ago
@@ -225,7 +226,8 @@ class Track:
             known = usual(category)
             fit = SIZE * size_log_likelihood(size, known)
             self.log_odds[category] = held.log_odds(self.looks - held.looks, fit, MISSED_NAME)
-            self.judged[category] = held.log_odds(missed, fit + beyond(sides, known))
+            fit += self.early + beyond(sides, known, size)
+            self.judged[category] = held.log_odds(missed, fit)
         self.conclude()
         self.usual = usual(self.name) or UNUSUAL
 
@@ -350,7 +352,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
     for category, odds in _log_odds(record).items():
         track.evidence[category] = CategoryEvidence()
         known = usual_size(category)
-        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known)
+        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known, size)
         track.evidence[category].set_log_odds(odds, fit)
     track.assess(usual_size)
     return track

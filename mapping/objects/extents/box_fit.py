@@ -1,7 +1,8 @@
 """Box fit: the upright box whose outlines agree with the boxes of a thing's detections.
 
 A few damped Gauss-Newton steps from the box that was grown from the surface. Its faces hold the
-sides that cameras saw; the outlines tell how far it reaches on the sides that none saw. After
+sides that cameras saw; the outlines tell how far it reaches on the sides that none saw, at least up
+to the border of an image that cuts it. After
 Yang and Scherer, CubeSLAM (IEEE Transactions on Robotics 35, 2019), with the surface's box in place
 of vanishing points. Huber's weights (1964) bound the influence of each edge and face.
 """
@@ -89,7 +90,7 @@ _CLOSE: Final = 0.003  # [m or rad] step that ends the fit
 _MAX_STEP: Final = 0.2  # [m or rad] of a step
 _DELTA: Final = 0.005  # [m or rad] of a numeric derivative
 _EDGE: Final = (0.05, 1.5)  # standard deviation of an edge: share of the box's side, and [px]
-_BORDER: Final = 4.0  # [px] an edge this near the image's border is no edge of the thing
+_BORDER: Final = 4.0  # [px] an edge this near the image's border is that border
 _SEEN: Final = 0.05  # [m] standard deviation of a face that cameras saw, ...
 _HIDDEN: Final = 0.3  # [m] ... and of another one
 _LOOKS: Final = 0.15  # share of the cameras in front of a face that was seen
@@ -145,10 +146,10 @@ class _Fit:
         self._faces = np.where(seen, _SEEN, _HIDDEN)  # (2, 3) [m]
         share, pixels = _EDGE
         deviation = share * np.tile(views.sides, 2) + pixels
-        limits = views.size - _BORDER
-        cut = np.concatenate([views.boxes[:, :2] < _BORDER, views.boxes[:, 2:] > limits], 1)
-        self._edges = np.where(cut, 0.0, np.sqrt(_WEIGHT / len(views)) / deviation)  # (n, 4)
-        self._limits = np.tile(views.size - 1, 2)
+        self._edges = np.sqrt(_WEIGHT / len(views)) / deviation  # (n, 4)
+        self._limits = ends = np.tile(views.size - 1, 2)
+        inside = np.where(views.boxes < _BORDER, 0.0, views.boxes)
+        self._boxes = np.where(inside > ends + 1 - _BORDER, ends, inside)  # (n, 4)
 
     def residuals(self, states: Floats) -> Floats:
         """(m, 4 n + 7) differences in standard deviations, of m boxes: centre, sides, yaw."""
@@ -158,7 +159,7 @@ class _Fit:
         faces = np.stack([offset - change, offset + change], 1) / self._faces
         turn = (states[:, 6:] - grown.yaw) / self._turn
         outlines = np.clip(self._outlines(states), 0.0, self._limits)
-        edges = (outlines - self._views.boxes) * self._edges
+        edges = (outlines - self._boxes) * self._edges
         return np.concatenate([edges.reshape(m, -1), faces.reshape(m, -1), turn], 1)
 
     def _outlines(self, states: Floats) -> Floats:

@@ -12,6 +12,7 @@ from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
+from mapping.objects.existence import MANY, early, logit
 from mapping.objects.settings import ObjectSettings
 from tests.mapping.objects.room import CUP, MIDDLE, Room, box, detections
 
@@ -22,14 +23,27 @@ CLEAR_VIEWS = 3  # within which a thing that is gone leaves the map
 # entering the map
 
 
-def test_a_thing_is_in_the_map_from_its_first_view_with_little_existence(room):
+def test_a_thing_is_in_the_map_from_its_first_view_without_certainty(room):
     (record,) = room.see(CUP).objects
-    assert record.existence < 0.5
+    assert record.existence < 0.9
     assert record.p_map == pytest.approx([2, 0, 1], abs=0.05)
     assert room.label(room.one) == "cup"
     assert (record.observations, record.first_seen, record.last_seen) == (1, 1e9, 1e9)
     assert (record.evidence.score, record.evidence.model) == (pytest.approx(0.95), "scripted")
     assert room.see(CUP).objects[0].existence > record.existence
+
+
+def test_what_was_seen_early_is_less_certain_after_many_views(room, step_back):
+    room.see(CUP, times=2)
+    before = room.one.existence
+    for n in range(MANY):
+        frame = step_back(0, id=f"away{n}", stamp=1e9 + 9 + n)
+        T = frame.T_map_cam.copy()
+        T[1, 3] += 20 + n
+        room.mapper.add(replace(frame, T_map_cam=T), detections())
+    assert room.one.existence == before, "it was not judged since"
+    room.mapper.flush()
+    assert logit(before) - logit(room.one.existence) == pytest.approx(early(2), abs=0.1)
 
 
 def test_a_camera_that_stands_still_maps_what_it_sees_again_and_again(room, step_back):
@@ -321,7 +335,7 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
     unsure = mapper.decay(room.one.iri, recall=0.5)
     once = mapper.decay(room.one.iri)
     assert once.updated[0].existence < unsure.updated[0].existence < room.one.existence
-    gone = mapper.decay(room.one.iri, 50)
+    gone = mapper.decay(room.one.iri, 500)
     assert gone.removed == (room.one.iri,)
     assert mapper.decay("https://example.org/map/object/99").updated == ()
 

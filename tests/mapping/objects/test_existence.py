@@ -9,21 +9,22 @@ from hypothesis import strategies as st
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.model.usual_sizes import VOXEL, UsualSize, usual_sizes
+from kg.model.usual_sizes import VOXEL, UsualSize, unusual_scale, usual_sizes
 from mapping.objects.absence import Absence
 from mapping.objects.existence import (
     BEYOND,
+    MANY,
     WORST,
     CategoryEvidence,
     VolumeView,
     beyond,
     category_probabilities,
+    early,
     in_front,
     logit,
     ray_test,
     size_log_likelihood,
     strength,
-    unusual_scale,
     visibility,
 )
 from mapping.objects.settings import ObjectSettings
@@ -288,6 +289,23 @@ def test_one_side_beyond_the_largest_speaks_against_a_name():
     fits = [beyond(sides, BOOK) for sides in ((0.1, 0.53, 0.2), (0.95, 0.86, 0.7))]
     assert fits[0] == pytest.approx(-math.log(0.53 / (0.45 + VOXEL)) / BEYOND)
     assert fits[1] == WORST
+
+
+@pytest.mark.parametrize(("sides", "size"), [((0.63, 0.63, 0.7), 0.9), ((), 0.7)])
+def test_what_is_shorter_than_half_a_bed_is_hardly_one(sides, size):
+    usual = usual_sizes()
+    assert beyond(sides, usual["bed"], size) == pytest.approx(-math.log(1.0 / 0.7) / BEYOND)
+    assert beyond((1.1, 0.9, 0.4), usual["bed"], 0.7) == 0, "its box shows more than one view"
+    for seen_in_part in ("chair", "tv", "person"):
+        assert beyond((0.2, 0.2, 0.1), usual[seen_in_part], 0.2) == 0
+    assert beyond((), usual["bed"]) == 0, "nothing is known"
+
+
+def test_things_are_likelier_while_a_run_has_looked_from_few_viewpoints():
+    gained = [early(viewpoints) for viewpoints in (1, 3, 10, MANY - 1, MANY, 1000)]
+    assert gained == sorted(gained, reverse=True)
+    assert gained[0] == pytest.approx(1.05, abs=0.01)
+    assert gained[-2:] == [0, 0] == [early(0), early(0)], "nothing is known of the run"
 
 
 SETTINGS = ObjectSettings()
