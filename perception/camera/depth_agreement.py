@@ -223,10 +223,13 @@ def surface_normals(camera: DepthSamples) -> Floats:
     return found
 
 
-def lone_text(frames: str, ids: Sequence[str]) -> str:
-    """A sentence on `frames`, "5 frames", whose depth contradicts those before and after."""
+def lone_text(what: str, frames: str, ids: Sequence[str]) -> str:
+    """A sentence on `frames`, "5 frames", whose depth or colour contradicts those around them."""
+    causes = {
+        "depth": "of another unit, of another moment or by another pose",
+        "colour": "late, mirrored, not registered or of another camera",
+    }
     return (
-        f"depth of {frames} contradicts the frames before and after, which agree with each other, "
-        f"as of another unit, of another moment or by another pose: {', '.join(ids[:3])}"
-        f"{', ...' * (len(ids) > 3)}; a copy without them would work"
+        f"{what} of {frames} contradicts the frames before and after, which agree with each other, "
+        f"as where it is {causes[what]}: {', '.join(ids[:3])}{', ...' * (len(ids) > 3)}"
     )

@@ -20,7 +20,6 @@ from kg.model.errors import RecordingError
 from perception.camera.depth_agreement import DepthSamples, depth_samples, lone_text
 from perception.camera.depth_edges import (
     ONE_SCENE,
-    ColourJudge,
     EdgeOffset,
     colour_fit,
     edge_offset,
@@ -147,16 +146,14 @@ def _colour_findings(
         return offset, (_unregistered(name, offset),)
     if shows_two_scenes(fit := colour_fit(images)):
         return offset, (two_scenes(name, fit),)
-    judge = ColourJudge(apart=1)
-    for one in shown:
-        judge.add(one.id, one.rgb, one.depth)
-    return offset, (f"{name}: {judge.told}",) if judge.told else ()
+    return offset, ()
 
 
 def _lone(name: str, lone: set[int], frame_at: FrameAt) -> tuple[str, ...]:
     """A warning of frames that contradict their neighbours; none without any."""
     ids = [frame_at(number).id for number in sorted(lone)[:4]]
-    return (f"{name}: {lone_text(f'{len(lone)} of the compared frames', ids)}",) if lone else ()
+    text = lone_text("depth", f"{len(lone)} of the compared frames", ids)
+    return (f"{name}: {text}",) if lone else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:
