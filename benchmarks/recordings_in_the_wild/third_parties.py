@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.recordings_in_the_wild import folders as f
+from benchmarks.recordings_in_the_wild import image_changes as i
 from benchmarks.recordings_in_the_wild.kind import Kind
-from benchmarks.recordings_in_the_wild.robot import Shot
+from benchmarks.recordings_in_the_wild.robot import COLOUR, Shot
 from perception.camera.poses import quaternion_from_pose
 
 More = Callable[[Sequence[Shot], Path], object]
@@ -131,7 +132,9 @@ THIRD_PARTIES: Final = (
             " ".join(f"{x:.4f}" for x in row) for row in np.diag([2, 2, 1]) @ shots[0].K))),
          remedy=("--intrinsics", "{folder}/intrinsics.json")),
     Kind("colour in blue, green, red", folder=f.images(
-        of_colour=lambda s: s.rgb[:, :, ::-1], pose=POSED), said="blue"),
+        of_colour=lambda s: s.rgb[:, :, ::-1], pose=POSED), said="--bgr"),
+    Kind("blue, green, red in a bag that says rgb8", change=(
+        i.each(COLOUR, lambda m: i.packed(m, i.rgb_of(m)[:, :, ::-1], "rgb8")),), said="--bgr"),
     Kind("names in capitals", folder=f.images("RGB/{n:06d}.PNG", "Depth/{n:06d}.PNG", pose=POSED),
          hopeless=True, said="colour in rgb/"),
     Kind("colour and depth in one folder", folder=f.images(

@@ -28,6 +28,7 @@ _SOURCE = """
                        camera-to-world)
 --no-check -> check    use depth scale and poses even if the depth images contradict them
 --registered           depth is registered to colour, whatever the recording says of its own camera
+--bgr                  red and blue of the images are exchanged
 --up AXIS              up axis of the world: x, y, z, -x, -y, -z or a vector A,B,C (default: as the
                        recording says, else estimated)
 """

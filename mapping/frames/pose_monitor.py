@@ -3,6 +3,7 @@
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
 Step: depth contradicts the frames before, and no later frame shows which of them are right.
 Lone, colour: depth or colour of a few frames contradicts those before and after (`lone_frames`).
+Order: red and blue seem to be exchanged.
 Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
 them is moved by some decimetres.
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.frames.lone_frames import GOOD, LoneFrames, View, agreement_of, is_enough
+from perception.camera.channel_order import ChannelOrder
 from perception.camera.depth_agreement import Agreement, register
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
@@ -56,7 +58,7 @@ class PoseMonitor:
         self._lone = LoneFrames()
         self._motion = np.eye(4)
         self._keys = list[View]()
-        self._unmoved = UnmovedValues()
+        self._unmoved, self._order = UnmovedValues(), ChannelOrder()
         self._off = deque[bool](maxlen=RETURNS)  # whether surfaces were off, of the last returns
         self.problems = dict[str, str]()
 
@@ -75,7 +77,8 @@ class PoseMonitor:
             if moved and _contradicts(agreement_of(last, view)):
                 self._check_jump(last, view, motion)
             self._motion = motion
-        if "drift" not in self.problems and self._is_key(view):
+        if self._is_key(view):
+            self._check_order(frame)
             self._check_drift(view)
 
     def _check_constant(self, frame: Frame) -> None:
@@ -122,10 +125,17 @@ class PoseMonitor:
             np.linalg.inv(self._keys[-1].T) @ view.T, KEY_STEP, KEY_TURN
         )
 
+    def _check_order(self, frame: Frame) -> None:
+        """Look for red and blue that are exchanged."""
+        if "order" not in self.problems:
+            self._order.add(frame.rgb)
+            if line := self._order.told:
+                self._tell("order", line)
+
     def _check_drift(self, key: View) -> None:
         samples, before = key.samples, self._seen_before(key)
         self._keys = [*self._keys[-KEPT + 1 :], key]
-        if before is None:
+        if before is None or "drift" in self.problems:
             return
         motion = np.linalg.inv(before.T) @ key.T
         self._off.append(False)

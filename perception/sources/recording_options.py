@@ -91,6 +91,7 @@ class RecordingOptions:
             (`perception.sources.depth_check`).
         registered: whether depth is taken as it is for registered to colour, though the recording
             has a depth camera of its own.
+        bgr: whether red and blue of its images are exchanged.
         streams: topics and frames to read from a bag.
         selection: frames to read.
     """
@@ -107,6 +108,7 @@ class RecordingOptions:
     pose_convention: str = "camera-to-world"
     check: bool = True
     registered: bool = False
+    bgr: bool = False
     streams: Streams = field(default_factory=Streams)
     selection: Selection = field(default_factory=Selection)
 
