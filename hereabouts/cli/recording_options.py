@@ -59,6 +59,8 @@ _FRAMES = """
                        floor that were mapped from the recording move with it; estimate: poses from
                        the images, also where the recording has some (default: the recording's own,
                        else estimated)
+--disparity BASELINE   depth images are disparities of cameras that are so many metres apart, and
+                       --depth-scale is their units per pixel
 --every N              read every N-th frame, the first too
 --keyframes            read only frames whose camera has moved by 0.1 m or turned by 5 degrees since
                        the last one read
@@ -84,6 +86,7 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
     declare(
         group,
         _FRAMES,
+        disparity=positive,
         every={"type": whole, "default": 1},
         limit=whole,
         start=float,

@@ -37,7 +37,12 @@ from perception.sources.depth_readings import (
     pairs_by,
     share_without,
 )
-from perception.sources.known_mistakes import another_body, another_cause, two_causes
+from perception.sources.known_mistakes import (
+    another_body,
+    another_cause,
+    disparity_for_depth,
+    two_causes,
+)
 
 EDGE_FRAMES: Final = 24  # whose edges are compared
 MAX_DEPTH: Final = 100.0  # [m] median of an image's depth
@@ -117,6 +122,8 @@ def depth_findings(
     if error is None and share is not None and share < GOOD:
         error = another_scale(name, pairs, convention, depth_scale, share)
         error = error or another_cause(name, pairs, convention, share)
+        focal = float(frame(0).K[0, 0])
+        error = error or disparity_for_depth(name, pairs, convention, focal, share)
         error = error or another_body(name, poses, briefly, share)
         error = error or two_causes(name, poses, convention, depth_scale, briefly, share)
         error = error or (

@@ -51,7 +51,7 @@ from perception.sources.estimated_poses import (
     wants_estimate,
     with_estimated_poses,
 )
-from perception.sources.folders.image_files import posed
+from perception.sources.folders.image_files import DisparityImage, posed
 from perception.sources.formats import format_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import DamagedImages, FrameEntry, RecordingListing
@@ -201,6 +201,7 @@ def open_recording(
     up = read_gravity(folder) if listing.up is None else listing.up
     listing = replace(listing, entries=entries, up=up)
     rectifier, order = _rectifier(listing, folder, bgr=o.bgr)
+    listing = _of_disparity(listing, rectifier.camera, o.disparity)
     recording = FolderRecording(
         name=o.name or _name(folder),
         format=chosen.name,
@@ -236,6 +237,18 @@ def open_recording(
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _of_disparity(
+    listing: RecordingListing, camera: Intrinsics, baseline: float | None
+) -> RecordingListing:
+    """The listing whose depth images are disparities of a pair of cameras; None: they are not."""
+    if baseline is None:
+        return listing
+    seen_by = camera if listing.depth_camera is None else listing.depth_camera.intrinsics
+    images = (DisparityImage(entry.depth, seen_by, baseline) for entry in listing.entries)
+    pairs = zip(listing.entries, images, strict=True)
+    return replace(listing, entries=tuple(replace(entry, depth=image) for entry, image in pairs))
 
 
 def _check_images(recording: FolderRecording) -> None:

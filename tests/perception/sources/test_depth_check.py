@@ -1,6 +1,7 @@
 """Wrong depth scales and conventions of poses are noticed, with what would work."""
 
 import logging
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -110,6 +111,18 @@ def test_two_causes_at_once_are_named(tmp_path, causes):
     folder = write(tmp_path / "room", as_written, change, count=24)
     with pytest.raises(RecordingError, match=f"{causes}.*{remedy}.*would work together"):
         open_recording(folder)
+
+
+def test_disparity_is_named_with_the_baseline_and_the_option_works(tmp_path):
+    focal = room_frame(round_tour()[0], 0).K[0, 0]
+    pixels = lambda f: replace(f, depth=(focal * 0.11 / f.depth).astype(np.float32))  # noqa: E731
+    with pytest.raises(RecordingError, match="it is disparity; --disparity") as refused:
+        open_recording(write(tmp_path / "room", change=pixels))
+    about = float(re.search(r"--disparity ([\d.]+)", str(refused.value))[1])
+    assert about == pytest.approx(0.11, rel=0.15)
+    mended = open_recording(tmp_path / "room", RecordingOptions(disparity=0.11))
+    true = room_frame(round_tour()[5], 5).depth
+    assert np.nanmedian(np.abs(mended.frame(5).depth / true - 1)) < 0.01
 
 
 @pytest.mark.parametrize("cause", CAUSES)
