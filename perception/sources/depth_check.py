@@ -47,6 +47,8 @@ from perception.sources.known_mistakes import (
 EDGE_FRAMES: Final = 24  # whose edges are compared
 MAX_DEPTH: Final = 100.0  # [m] median of an image's depth
 NEAREST, FARTHEST = 0.45, 7.0  # [m] usual medians of an image's depth
+USUAL: Final = 2.0  # [m] the same of rooms
+UNITS: Final = {"centimetres": 100, "millimetres": 1000, "tenths of millimetres": 10000}
 EDGES_APART: Final = 6.0  # [px of 640] between the edges of depth and of colour
 
 _log = logging.getLogger(__name__)
@@ -164,9 +166,10 @@ def _lone(name: str, lone: set[int], frame_at: FrameAt) -> tuple[str, ...]:
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:
+    unit, factor = min(UNITS.items(), key=lambda one: abs(np.log(middle / one[1] / USUAL)))
     return (
-        f"{name}: depth has a median of {middle:.0f} m, as millimetres have that are taken for "
-        f"metres; --depth-scale {depth_scale * 1000:g} would work, --no-check maps it as it is"
+        f"{name}: depth has a median of {middle:.0f} m, as {unit} have that are taken for metres; "
+        f"--depth-scale {depth_scale * factor:.12g} would work, --no-check maps it as it is"
     )
 
 

@@ -20,6 +20,7 @@ from perception.camera.poses import (
 from perception.frames import Frame
 from perception.no_return import ray_lengths
 from perception.sources.bags.camera_mounts import pose_of_origin
+from perception.sources.depth_check import depth_findings
 from perception.sources.listing import Streams
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
@@ -160,6 +161,15 @@ def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
     assert (
         open_recording(room, RecordingOptions(depth_scale=scale, check=False)).depth_scale == scale
     )
+
+
+@pytest.mark.parametrize(("times", "right"), [(100, "500000"), (1000, "5000000")])
+def test_depth_far_too_large_is_refused_with_its_unit(tmp_path, times, right):
+    larger = lambda f: replace(f, depth=f.depth * np.float32(times))  # noqa: E731
+    frames = [larger(room_frame(T, n)) for n, T in enumerate(round_tour())]
+    found = depth_findings("room", [f.T_map_cam for f in frames], "camera-to-world", 5000,
+                           frames.__getitem__)  # fmt: skip
+    assert f"--depth-scale {right} would work" in str(found.error)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1000.0, True), (50000.0, True), (5000.0, False)])
