@@ -15,12 +15,13 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.colour_agreement import colour_agreement, grey_samples
 from perception.camera.depth_agreement import (
     Agreement,
     DepthSamples,
     agreement,
+    colour_agreement,
     depth_samples,
+    grey_samples,
     lone_text,
 )
 from perception.frames import Frame
@@ -84,9 +85,11 @@ class DepthRuns:
         self._last = view
         if last is None:
             return
-        contradicts = self._contradicts(last, view)
+        found = agreement_of(last, view)
+        contradicts = is_enough(found) and found.share < DOUBTED
         if before is not None:
-            if contradicts and self._agree(before, view):
+            around = agreement_of(before, view)
+            if contradicts and around.share >= GOOD and is_enough(around):
                 self._conclude(len(self.doubted))
             elif len(self.doubted) < RUN:
                 self.doubted.append(view.id)
@@ -107,14 +110,6 @@ class DepthRuns:
 
     def _end(self) -> None:
         self._before, self.doubted = None, []
-
-    def _contradicts(self, a: View, b: View) -> bool:
-        found = agreement_of(a, b)
-        return is_enough(found) and found.share < DOUBTED
-
-    def _agree(self, before: View, view: View) -> bool:
-        found = agreement_of(before, view)
-        return found.share >= GOOD and is_enough(found)
 
 
 class ColourRuns(DepthRuns):
