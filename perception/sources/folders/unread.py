@@ -31,6 +31,8 @@ _FILES: Final = (
       "frame_*.json"), "of a recording of ScanNet++, Matterport3D or 3D Scanner App; its images as "
      "rgb/ and depth/, the 4x4 camera to world matrix of each image in pose/, and intrinsics.json "
      "are read"),
+    (("lowres_wide.traj",), "of a recording of ARKitScenes; lowres_wide/, lowres_depth/ and "
+     "lowres_wide_intrinsics/ beside it are read"),
     (("*.h5", "*.hdf5", "*.npz", "*.mat", "*.pkl", "*.exr", "*.ppm"), "an array, or an image of "
      "another form; its images as rgb/ (PNG or JPEG) and depth/ (16-bit PNG in millimetres, or NPY "
      "in metres), numbered alike, and intrinsics.json are read"),
