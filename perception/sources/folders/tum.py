@@ -85,7 +85,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     )
     poses = _poses(folder) or first_file(folder, *OTHER_POSES)
     if poses is None:
-        missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
+        missing = f"{folder} has no poses: {' or '.join(POSES[:2])} is missing"
         return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_poses=missing)
     trajectory = read_trajectory(poses)
     missing = (
