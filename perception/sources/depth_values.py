@@ -80,7 +80,7 @@ def no_return_of(
 
 def _in_lines(depth: NDArray[np.float32]) -> bool:
     """Whether depth lies in lines of few rows."""
-    shown = np.isfinite(depth).any(axis=1)
+    shown = np.asarray(np.isfinite(depth).any(axis=1))
     groups = int((shown[1:] & ~shown[:-1]).sum())
     return groups >= LINES and int(shown.sum()) <= THIN * groups
 

@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.image_decoding import metres
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
-from perception.camera.poses import Pose, Trajectory, listed_pose, quaternion_from_pose
+from perception.camera.poses import (
+    CONVENTIONS,
+    Pose,
+    Trajectory,
+    listed_pose,
+    quaternion_from_pose,
+)
 from perception.number_tables import floats, rows
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
@@ -61,19 +67,12 @@ def _read_arkit_scenes(folder: Path, streams: Streams) -> RecordingListing:
     camera = find_intrinsics(folder)
     if cameras and camera is None:
         where, words = next(rows(cameras[0]), (str(cameras[0]), []))
-        width, height, *focal = floats(words, where)
-        camera = Intrinsics(*focal, int(width), int(height), source=str(cameras[0]))
-    table = [
-        (numbers[0], _world_to_camera(np.array(numbers[1:])))
-        for where, words in rows(folder / TRAJECTORY)
-        if len(numbers := floats(words, where)) == 7
-    ]
-    T = [np.linalg.inv(one) for _, one in table]
-    trajectory = Trajectory(
-        np.array([stamp for stamp, _ in table]),
-        np.array([one[:3, 3] for one in T]).reshape(-1, 3),
-        np.array([quaternion_from_pose(one) for one in T]).reshape(-1, 4),
-    )
+        numbers = floats(words, where)
+        if len(numbers) != 6 or not np.isfinite(numbers).all():
+            raise RecordingError(f"{where}: expected width height fx fy cx cy, got {words}")
+        width, height, fx, fy, cx, cy = numbers
+        camera = Intrinsics(fx, fy, cx, cy, int(width), int(height), source=where)
+    trajectory = _trajectory(folder / TRAJECTORY)
     entries = tuple(entry_of(a, b, np.eye(4), stamp) for a, b, stamp in pairs)
     entries = with_poses(entries, lambda entry: trajectory.at(entry.stamp, TOLERANCE))
     missing = f"{folder}: no image has a pose in {TRAJECTORY} (poses: {trajectory.reach})"
@@ -81,10 +80,22 @@ def _read_arkit_scenes(folder: Path, streams: Streams) -> RecordingListing:
     return RecordingListing(entries, camera, MILLIMETRES, up=up, no_pose_found=missing)
 
 
-def _world_to_camera(numbers: NDArray[np.float64]) -> Pose:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = cv2.Rodrigues(numbers[:3])[0], numbers[3:]
-    return T
+def _trajectory(path: Path) -> Trajectory:
+    """Poses of the camera; raises RecordingError for malformed lines."""
+    stamps, places, turns = list[float](), list[Pose](), list[Pose]()
+    for where, words in rows(path):
+        numbers = np.array(floats(words, where))
+        if len(numbers) != 7 or not np.isfinite(numbers).all():
+            raise RecordingError(f"{where}: expected stamp rx ry rz tx ty tz, got {words}")
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = cv2.Rodrigues(numbers[1:4])[0], numbers[4:]
+        T = CONVENTIONS["world-to-camera"](T)
+        stamps.append(float(numbers[0]))
+        places.append(T[:3, 3])
+        turns.append(quaternion_from_pose(T))
+    order = np.argsort(stamps, kind="stable")
+    t, q = np.reshape(places, (-1, 3))[order], np.reshape(turns, (-1, 4))[order]
+    return Trajectory(np.array(stamps)[order], t, q)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +117,7 @@ def _read_sun3d(folder: Path, streams: Streams) -> RecordingListing:
     kinds = (("image", COLOUR_SUFFIXES), ("depth", DEPTH_SUFFIXES))
     colour, depth = (images_by_number(folder / name, suffixes) for name, suffixes in kinds)
     paths = [*colour.values()], [*depth.values()]
-    seconds = [np.array([int(p.stem.split("-")[-1]) / 1e6 for p in one]) for one in paths]
+    seconds = [np.array([int(re.findall(r"\d+", p.stem)[-1]) / 1e6 for p in one]) for one in paths]
     if any(len(row) != 4 for row in table) or len(table) != 3 * len(paths[0]):
         raise RecordingError(
             f"{folder}: {len(paths[0])} images, and {len(table)} rows of poses in extrinsics/; "
@@ -115,7 +126,7 @@ def _read_sun3d(folder: Path, streams: Streams) -> RecordingListing:
     poses = np.tile(np.eye(4), (len(paths[0]), 1, 1))
     poses[:, :3] = np.array(table).reshape(-1, 3, 4)
     entries = []
-    for i, j in sorted(nearest_pairs(*seconds, SUN3D_TOLERANCE)):
+    for i, j in sorted(nearest_pairs(seconds[0], seconds[1], SUN3D_TOLERANCE)):
         a, b = paths[0][i], paths[1][j]
         T = listed_pose(poses[i], f"{files[-1]}, pose {i}")
         entries.append(replace(entry_of(a, b, T, float(seconds[0][i])), depth=TurnedBits(b)))
