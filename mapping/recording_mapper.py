@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import RecordingError
 from mapping.alignment.recording_fit import fitted
+from mapping.frames.lone_frames import without_lone
 from mapping.frames.read_ahead import AHEAD, read_ahead
 from mapping.mapper import Mapper
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
@@ -91,7 +92,7 @@ def map_recording(
     start = 0 if again else min(mapper.frames_applied, len(recording))
     if start and isinstance(detector, DetectorPair):
         detector.resume(mapper.looked_from)
-    run = _Run(mapper, recording, detector, scene, fit, ahead)
+    run = _Run(mapper, recording, detector, scene, fit, ahead, options.check_poses)
     try:
         with closing(read_ahead(run.detect(start), ahead)) as detected:
             for index, one in enumerate(detected, start):
@@ -141,12 +142,16 @@ class _Run:
     scene: SceneClassifier | None
     fit: str  # one line on how the recording fits the map; "" without others
     ahead: int  # frames that a stage is ahead of the next
+    checks: bool  # whether lone frames are left out ...
+    left_out: dict[tuple[str, str], str] = field(default_factory=dict)  # ... and lines on them
     frames: int = 0
     views: int = 0  # frames that counted for a place
 
     def read(self, start: int) -> Iterator[tuple[Frame, float]]:
         """Frames from `start` on, each with the seconds that reading it took."""
         frames = self.recording.frames(start)
+        if self.checks:
+            frames = without_lone(frames, self.recording.name, self.left_out)
         before = time.perf_counter()
         for frame in frames:
             yield frame, time.perf_counter() - before
@@ -206,7 +211,7 @@ class _Run:
             unplaced=mapper.unplaced,
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
-            problems=mapper.problems,
+            problems=(*mapper.problems, *self.left_out.values()),
             recognised={one.iri: one.name for one in mapper.recognised},
             fit=self.fit,
             doubted=detected.doubted,

@@ -174,8 +174,7 @@ FOLDERS: Final = (
         "color/{n:05d}.jpg", "depth/{n:05d}.png", more=f.open3d),
          said="estimated"),
     Kind("ARKitScenes", folder=f.images(
-        "lowres_wide/42_{stamp}.png", "lowres_depth/42_{stamp}.png", more=f.arkit_scenes),
-         hopeless=True, said="ARKitScenes"),
+        "lowres_wide/42_{stamp}.png", "lowres_depth/42_{stamp}.png", more=f.arkit_scenes)),
     Kind("a video beside depth images", folder=f.video, said="estimated"),
     *(Kind(f"a file {name}", folder=f.file_of(name, head), hopeless=True, said=said)
       for name, head, said in (

@@ -9,8 +9,9 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.recordings_in_the_wild import folders as f
+from benchmarks.recordings_in_the_wild import image_changes as i
 from benchmarks.recordings_in_the_wild.kind import Kind
-from benchmarks.recordings_in_the_wild.robot import Shot
+from benchmarks.recordings_in_the_wild.robot import COLOUR, Shot
 from perception.camera.poses import quaternion_from_pose
 
 More = Callable[[Sequence[Shot], Path], object]
@@ -92,6 +93,15 @@ def rotated_bits(shot: Shot) -> np.ndarray[Any, np.dtype[np.uint16]]:
     return (depth << np.uint16(3)) | (depth >> np.uint16(13))
 
 
+def sun3d(shots: Sequence[Shot], scratch: Path) -> Path:
+    """Files of SUN3D: the last number of a name is its time."""
+    number = "{n:07d}-{n:012d}"
+    made = f.images(f"image/{number}.jpg", f"depth/{number}.png", rotated_bits)(shots, scratch)
+    f.write(made / "intrinsics.txt", f.numbers_of(shots[0].K))
+    f.write(made / "extrinsics/1.txt", "".join(f.numbers_of(s.T_map_cam[:3]) for s in shots))
+    return made
+
+
 def leaping(lines: list[str]) -> list[str]:
     """Stamps of the second half are an hour later."""
     half = len(lines) // 2
@@ -107,18 +117,24 @@ THIRD_PARTIES: Final = (
     Kind("SUN3D, rotated bits of depth", folder=f.images(
         of_depth=rotated_bits, pose=POSED), remedy=("--depth-scale", "8000"),
          said="--depth-scale 8000"),
-    Kind("disparity as depth", folder=f.images(of_depth=disparity, pose=POSED), hopeless=True,
-         said="does not fit"),
+    Kind("disparity as depth", folder=f.images(of_depth=disparity, pose=POSED),
+         remedy=("--disparity", "0.075", "--depth-scale", "16"), said="--disparity"),
     Kind("disparity as depth, without poses", folder=f.images(of_depth=disparity), hopeless=True,
          said="contradict|does not|--depth-scale"),
-    Kind("rows of a lidar", folder=f.images(of_depth=lines_of_lidar, pose=POSED), holes=True),
+    Kind("rows of a lidar", folder=f.images(of_depth=lines_of_lidar, pose=POSED), hopeless=True,
+         said="interpolated between"),
+    Kind("SUN3D, as downloaded", folder=sun3d),
+    Kind("3RScan, depth in PGM", folder=f.images(
+        "frame-{n:06d}.color.jpg", "frame-{n:06d}.depth.pgm", pose="frame-{n:06d}.pose.txt",
+        more=f.bundle_fusion)),
+    Kind("ETH3D, calibration.txt", folder=f.images(pose=POSED, more=lambda shots, folder: f.write(
+        folder / "calibration.txt", "{0[0]} {1[1]} {0[2]} {1[2]}\n".format(*shots[0].K)))),
     Kind("Kimera's traj_vio.csv", folder=f.images(
         "rgb/{stamp}.png", "depth/{stamp}.png", more=text(
-            "traj_vio.csv", euroc_row, "#timestamp,x,y,z,qw,qx,qy,qz\n")),
-         said="estimated|traj_vio"),
+            "traj_vio.csv", euroc_row, "#timestamp,x,y,z,qw,qx,qy,qz\n"))),
     Kind("Semantic-NeRF, traj_w_c.txt", folder=f.images(
         "rgb/rgb_{n}.png", "depth/depth_{n}.png",
-        more=text("traj_w_c.txt", lambda s: f.one_row(s.T_map_cam))), said="estimated|traj_w_c"),
+        more=text("traj_w_c.txt", lambda s: f.one_row(s.T_map_cam)))),
     Kind("poses column by column", folder=f.images(
         more=text("poses.txt", lambda s: f.one_row(s.T_map_cam.T))), hopeless=True,
          said="column|transposed|last row"),
@@ -131,7 +147,9 @@ THIRD_PARTIES: Final = (
             " ".join(f"{x:.4f}" for x in row) for row in np.diag([2, 2, 1]) @ shots[0].K))),
          remedy=("--intrinsics", "{folder}/intrinsics.json")),
     Kind("colour in blue, green, red", folder=f.images(
-        of_colour=lambda s: s.rgb[:, :, ::-1], pose=POSED), said="blue"),
+        of_colour=lambda s: s.rgb[:, :, ::-1], pose=POSED), said="--bgr"),
+    Kind("blue, green, red in a bag that says rgb8", change=(
+        i.each(COLOUR, lambda m: i.packed(m, i.rgb_of(m)[:, :, ::-1], "rgb8")),), said="--bgr"),
     Kind("names in capitals", folder=f.images("RGB/{n:06d}.PNG", "Depth/{n:06d}.PNG", pose=POSED),
          hopeless=True, said="colour in rgb/"),
     Kind("colour and depth in one folder", folder=f.images(

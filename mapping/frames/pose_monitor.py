@@ -1,9 +1,9 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
-Lone: the depth of a few frames contradicts those before and after, which agree with each other.
 Step: depth contradicts the frames before, and no later frame shows which of them are right.
-Colour: some frames' colour does not show what their depth shows, as a minority of late images.
+Lone, colour: depth or colour of a few frames contradicts those before and after (`lone_frames`).
+Order: red and blue seem to be exchanged.
 Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
 them is moved by some decimetres.
@@ -13,21 +13,14 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.depth_agreement import (
-    Agreement,
-    DepthSamples,
-    agreement,
-    depth_samples,
-    lone_text,
-    register,
-)
-from perception.camera.depth_edges import ColourJudge
+from mapping.frames.lone_frames import GOOD, LoneFrames, View, agreement_of, is_enough
+from perception.camera.channel_order import ChannelOrder
+from perception.camera.depth_agreement import Agreement, register
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
 from perception.no_return import UnmovedValues, told
@@ -38,13 +31,9 @@ STEP: Final = 0.1  # [m] between two frames, or ...
 STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
 JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
 JUMP_TURN: Final = np.radians(8.0)  # ... turn
-MIN_POINTS: Final = 200  # fewest points in both images for a conclusion
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
-GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
 KEY_TURN: Final = np.radians(20.0)  # ... so much turned
-DOUBTED: Final = 0.8  # share of agreeing points of frames beside each other; sound ones have 0.94
-RUN: Final = 8  # frames that contradict the one before them and the one after them
 KEPT: Final = 300  # key frames
 AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
@@ -57,22 +46,6 @@ _MEND: Final = "a corrected trajectory, --poses FILE, would work"
 _log = logging.getLogger(__name__)
 
 
-@dataclass(slots=True, eq=False)
-class _View:
-    id: str
-    stamp: float
-    T: Floats  # (4, 4) camera -> map
-    depth: NDArray[np.float32] | DepthSamples  # the image, until its samples are needed
-    K: Floats
-
-    @property
-    def samples(self) -> DepthSamples:
-        """Samples of its depth, taken when they are first needed."""
-        if not isinstance(self.depth, DepthSamples):
-            self.depth = depth_samples(self.depth, self.K)
-        return self.depth
-
-
 class PoseMonitor:
     """Compares each frame with the one before, and key frames with earlier views of their place.
 
@@ -81,36 +54,31 @@ class PoseMonitor:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._last: _View | None = None
-        self._before: _View | None = None  # the last one before some that contradict it
-        self._doubted = list[str]()  # names of those
-        self._lone = list[str]()  # names of frames between two that agree
+        self._last: View | None = None
+        self._lone = LoneFrames()
         self._motion = np.eye(4)
-        self._keys = list[_View]()
-        self._unmoved, self._judge = UnmovedValues(), ColourJudge()
-        self._bad = 0  # bad frames that were told
+        self._keys = list[View]()
+        self._unmoved, self._order = UnmovedValues(), ChannelOrder()
         self._off = deque[bool](maxlen=RETURNS)  # whether surfaces were off, of the last returns
         self.problems = dict[str, str]()
 
     def add(self, frame: Frame) -> None:
         """Check one frame."""
-        view = _View(frame.id, frame.stamp, frame.T_map_cam, frame.depth, frame.K)
-        self._judge.add(frame.id, frame.rgb, frame.depth)
-        if (bad := len(self._judge.bad)) >= max(1, 2 * self._bad):  # told anew as they double
-            self._bad = bad
-            self._tell("colour", self._judge.told)
+        view = View.of(frame)
+        for kind, line in self._lone.add(view).items():
+            self._tell(kind, f"{line}; a copy without them would work")
+        self._tell_step()
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view
         if last is not None:
             motion = np.linalg.inv(last.T) @ view.T
-            found = agreement(last.samples, view.samples, motion)
-            self._check_lone(last, view, found)
-            moved = _moved(motion, STEP, STEP_TURN)
-            if "jump" not in self.problems and moved and _contradicts(found):
+            moved = "jump" not in self.problems and _moved(motion, STEP, STEP_TURN)
+            if moved and _contradicts(agreement_of(last, view)):
                 self._check_jump(last, view, motion)
             self._motion = motion
-        if "drift" not in self.problems and self._is_key(view):
+        if self._is_key(view):
+            self._check_order(frame)
             self._check_drift(view)
 
     def _check_constant(self, frame: Frame) -> None:
@@ -123,42 +91,21 @@ class PoseMonitor:
                 f"{frame.id}: it seems to mean no return; nan in its place would work",
             )
 
-    def _check_lone(self, last: _View, view: _View, found: Agreement) -> None:
-        """Look for a frame between two that agree with each other and not with it.
-
-        `found` is the agreement of the last one and this one.
-        """
-        before, contradicts = self._before, _fit(found) < DOUBTED
-        if before is not None:
-            motion = np.linalg.inv(before.T) @ view.T
-            fit = agreement(before.samples, view.samples, motion)
-            if contradicts and fit.share >= GOOD and _is_enough(fit):
-                self._before, told = None, len(self._lone)
-                self._lone += self._doubted
-                if len(self._lone).bit_length() > told.bit_length():  # told anew as they double
-                    self._tell("lone", lone_text(f"{len(self._lone)} frames", self._lone))
-            elif len(self._doubted) < RUN:
-                self._doubted.append(view.id)
-            else:
-                self._tell_step()
-        if self._before is None and contradicts and before is None:
-            self._before, self._doubted = last, [view.id]
-
     def _tell_step(self) -> None:
         """Tell of frames that contradict those before, where none after shows which are right."""
-        if self._before is not None and not {"step", "jump"} & {*self.problems}:
+        if (first := self._lone.depth.unexplained) and not {"step", "jump"} & {*self.problems}:
             self._tell(
                 "step",
-                f"from frame {self._doubted[0]} on depth contradicts the poses or the depth "
-                f"before, and no later frame tells which is right; {_MEND} where the poses are off",
+                f"from frame {first} on depth contradicts the poses or the depth before, and no "
+                f"later frame tells which is right; {_MEND} where the poses are off",
             )
-        self._before = None
 
     def finish(self) -> None:
         """Tell what no later frame explains."""
+        self._lone.depth.finish()
         self._tell_step()
 
-    def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
+    def _check_jump(self, last: View, view: View, motion: Floats) -> None:
         """Look for another motion than that of the poses, which the depth contradicts."""
         a, b = last.samples, view.samples
         for start in (np.eye(4), self._motion, motion):
@@ -173,19 +120,26 @@ class PoseMonitor:
                 )
                 return
 
-    def _is_key(self, view: _View) -> bool:
+    def _is_key(self, view: View) -> bool:
         return not self._keys or _moved(
             np.linalg.inv(self._keys[-1].T) @ view.T, KEY_STEP, KEY_TURN
         )
 
-    def _check_drift(self, key: _View) -> None:
+    def _check_order(self, frame: Frame) -> None:
+        """Look for red and blue that are exchanged."""
+        if "order" not in self.problems:
+            self._order.add(frame.rgb)
+            if line := self._order.told:
+                self._tell("order", line)
+
+    def _check_drift(self, key: View) -> None:
         samples, before = key.samples, self._seen_before(key)
         self._keys = [*self._keys[-KEPT + 1 :], key]
-        if before is None:
+        if before is None or "drift" in self.problems:
             return
         motion = np.linalg.inv(before.T) @ key.T
         self._off.append(False)
-        if not _contradicts(agreement(before.samples, samples, motion)):
+        if not _contradicts(agreement_of(before, key)):
             return
         found = register(before.samples, samples, motion)
         if found.after.share < GOOD or found.offset < DRIFT:
@@ -198,7 +152,7 @@ class PoseMonitor:
                 f"frame {before.id} saw them, {key.stamp - before.stamp:.0f} s before; {_MEND}",
             )
 
-    def _seen_before(self, key: _View) -> _View | None:
+    def _seen_before(self, key: View) -> View | None:
         """The earlier key frame of the most similar view, some way back; None without any."""
         earlier = self._keys[:-AWAY]
         if not earlier:
@@ -242,16 +196,7 @@ class PoseMonitors:
 
 def _contradicts(found: Agreement) -> bool:
     """Whether two images show different scenes although they have nearly the same pose."""
-    return found.share < POOR and _is_enough(found)
-
-
-def _fit(found: Agreement) -> float:
-    """Share of agreeing points of two images in one another; 1 where too few are in view."""
-    return found.share if _is_enough(found) else 1.0
-
-
-def _is_enough(found: Agreement) -> bool:
-    return found.agreeing + found.contradicting >= MIN_POINTS
+    return found.share < POOR and is_enough(found)
 
 
 def _turn(T: Floats) -> float:

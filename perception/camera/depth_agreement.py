@@ -5,6 +5,9 @@ there (projective data association: Blais and Levine, IEEE PAMI 17, 1995). A poi
 surface agrees. A point in front of it contradicts, since the other camera saw through it. A point
 behind it does not count, since it may be hidden. Distances are relative, so that a wrong unit of
 depth is the same as a wrong length of the motion.
+
+Colour agrees where the grey levels of points that both images show are alike (photometric
+consistency, by normalised cross-correlation). Neither exposure nor contrast matters.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from functools import lru_cache
 from statistics import NormalDist
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +37,9 @@ MIN_SMOOTH: Final = 100  # pixels of those
 LONE: Final = 0.6  # share of agreeing points of a frame that does not belong to its neighbours
 MIN_DEPTH: Final = 0.05  # [m] before the camera, in units that may be wrong
 MAX_DEPTH: Final = 200.0  # [m]
+BLUR: Final = 0.7  # samples by which grey levels are smoothed
+MIN_SHOWN: Final = 150  # points that both images show, to compare their grey levels
+MIN_CONTRAST: Final = 4.0  # standard deviation of these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,10 +230,43 @@ def surface_normals(camera: DepthSamples) -> Floats:
     return found
 
 
-def lone_text(frames: str, ids: Sequence[str]) -> str:
-    """A sentence on `frames`, "5 frames", whose depth contradicts those before and after."""
+def grey_samples(rgb: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Grey levels of an image (H, W, 3) on the grid (h, w) of its depth samples."""
+    small = cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.float32)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), np.float32)
+
+
+def colour_agreement(
+    a: DepthSamples,
+    grey_a: NDArray[np.float32],
+    b: DepthSamples,
+    grey_b: NDArray[np.float32],
+    T_a_b: Floats,
+) -> float | None:
+    """Correlation, -1 to 1, of the grey levels of points that both images show; None for few.
+
+    `T_a_b` (4, 4) takes camera b to camera a.
+    """
+    seen, rows, columns = nearest_pixels(a, b.points @ T_a_b[:3, :3].T + T_a_b[:3, 3])
+    z = b.points[seen] @ T_a_b[2, :3] + T_a_b[2, 3]
+    measured = a.depth[rows, columns]
+    with np.errstate(invalid="ignore"):
+        near = np.abs(z - measured) <= 2 * TOLERANCE * measured
+    there = grey_b[np.isfinite(b.depth)][seen[near]]
+    here = grey_a[rows[near], columns[near]]
+    if len(here) < MIN_SHOWN or min(here.std(), there.std()) < MIN_CONTRAST:
+        return None
+    return float(np.corrcoef(here, there)[0, 1])
+
+
+def lone_text(what: str, frames: str, ids: Sequence[str]) -> str:
+    """A sentence on `frames`, "5 frames", whose depth or colour contradicts those around them."""
+    causes = {
+        "depth": "of another unit, of another moment or by another pose",
+        "colour": "late, mirrored, not registered or of another camera",
+    }
     return (
-        f"depth of {frames} contradicts the frames before and after, which agree with each other, "
-        f"as of another unit, of another moment or by another pose: {', '.join(ids[:3])}"
-        f"{', ...' * (len(ids) > 3)}; a copy without them would work"
+        f"{what} of {frames} contradicts the frames before and after, which agree with each other, "
+        f"as where it is {causes[what]}: {', '.join(ids[:3])}{', ...' * (len(ids) > 3)}"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -27,16 +26,6 @@ STRONG: Final = 4.0  # gradient from which an edge of colour counts no more
 MIN_IMAGES: Final = 6  # with edges that others do not have, to conclude anything
 BLANK: Final = 3.0  # standard deviation of the grey levels of an image that shows nothing
 MIN_EDGES: Final = 20  # such pixels of an image
-STEPS: Final = np.arange(-16, 17, 4)  # [px of WIDTH] by which one frame's edges are moved
-MOVED: Final = 8  # [px of WIDTH] of a frame that is not registered ...
-MOVED_GAIN: Final = 1.3  # ... and by how much its moved edges fit better
-MIN_JUDGED: Final = 150  # edge pixels of a frame that is judged
-OTHERS: Final = 6  # other frames that it is compared with, ...
-OTHERS_APART: Final = 5  # ... each so many frames after the one before
-MIN_OTHERS: Final = 3
-MIN_FRAMES: Final = 12  # judged, to conclude anything
-WORSE: Final = 3.5  # standard deviations by which a bad frame fits worse than the median
-UNLIKE: Final = 1.25  # strength of own edges over others' below which a frame may be bad
 ONE_SCENE: Final = 1.4  # `colour_fit` below which colour and depth show different scenes
 
 Image = NDArray[np.float32]
@@ -114,82 +103,6 @@ def colour_fit(
         if logarithms:
             ratios.append(np.mean(logarithms))
     return float(np.exp(np.mean(ratios))) if len(ratios) >= MIN_IMAGES else None
-
-
-class ColourJudge:
-    """Judge of each frame's colour by its depth: whether it shows the same scene, and registered.
-
-    Edges of depth are compared with edges of the frame's own colour, of the same moved, and of
-    other frames' colour. A frame fits badly where it does so far worse than the others do.
-    """
-
-    def __init__(self, apart: int = OTHERS_APART) -> None:
-        self._apart = apart  # frames between two that others are compared with
-        self._others: list[Image] = []  # gradients of earlier frames
-        self._count = 0
-        self._fits = array("d")  # logarithm of own over others' strength, of each frame
-        self._doubted: list[tuple[str, float]] = []  # ids and fits of those that may be bad
-
-    def add(self, name: str, rgb: NDArray[np.uint8], depth: NDArray[np.float32]) -> None:
-        """Judge a frame by its name, colour (H, W, 3) and depth (H, W) [m]."""
-        points = _depth_edges(depth).astype(np.intp)
-        if len(points) < MIN_JUDGED or _spread(rgb) <= BLANK:
-            return
-        gradient = np.minimum(_gradient(rgb), STRONG)
-        own, best, (right, down) = _moved_strength(gradient, points)
-        if len(self._others) >= MIN_OTHERS and self._others[0].shape == gradient.shape:
-            there = np.median([other[points[:, 1], points[:, 0]].mean() for other in self._others])
-            fit = float(np.log(max(own, 0.1) / max(there, 0.1)))
-            self._fits.append(fit)
-            moved = max(abs(right), abs(down)) >= MOVED
-            if moved and best > max(MOVED_GAIN * own, MIN_STRENGTH):
-                fit = -np.inf
-            if fit < np.log(UNLIKE):
-                self._doubted.append((name, fit))
-        if self._count % self._apart == 0:
-            self._others = [*self._others[-OTHERS + 1 :], gradient]
-        self._count += 1
-
-    @property
-    def told(self) -> str:
-        """A sentence on the bad frames, for people; "" without any."""
-        if not (bad := self.bad):
-            return ""
-        return (
-            f"colour of {len(bad)} of {self.judged} frames does not show what their depth shows, "
-            f"as where images are late, not registered or of another camera: {', '.join(bad[:3])}"
-            f"{', ...' if len(bad) > 3 else ''}"
-        )
-
-    @property
-    def judged(self) -> int:
-        """Frames that were compared with others."""
-        return len(self._fits)
-
-    @property
-    def bad(self) -> list[str]:
-        """Names of the frames whose colour does not fit; none where too few were judged."""
-        if len(self._fits) < MIN_FRAMES or not self._doubted:
-            return []
-        fits = np.array(self._fits)
-        middle = float(np.median(fits))
-        spread = 1.48 * float(np.median(np.abs(fits - middle)))
-        least = min(middle - WORSE * spread, np.log(UNLIKE))
-        return [name for name, fit in self._doubted if fit < least]
-
-
-def _moved_strength(
-    gradient: Image, points: NDArray[np.intp]
-) -> tuple[float, float, tuple[int, int]]:
-    """Mean gradient at points (n, 2), the greatest of moved ones, and that move [px of WIDTH]."""
-    reach = int(STEPS[-1])
-    field = np.pad(gradient, reach, constant_values=1.0)
-    columns, rows = points[:: max(1, len(points) // 500)].T + reach
-    right, down = (steps.reshape(-1, 1) for steps in np.meshgrid(STEPS, STEPS, indexing="ij"))
-    moved = down * field.shape[1] + right + (rows * field.shape[1] + columns)
-    found = field.ravel().take(moved).mean(axis=1)  # of each move
-    best, here = int(found.argmax()), len(found) // 2
-    return float(found[here]), float(found[best]), (int(right[best, 0]), int(down[best, 0]))
 
 
 def _nearest(depth: NDArray[np.float32]) -> Image:

@@ -29,7 +29,13 @@ JSON_NAMES = (
     "cam_params.json",
 )
 YAML = (".yaml", ".yml")
-TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt", "intrinsic/intrinsic_color.txt")
+TEXT_NAMES = (
+    "intrinsics.txt",
+    "K.txt",
+    "camera-intrinsics.txt",
+    "intrinsic/intrinsic_color.txt",
+    "calibration.txt",  # of ETH3D's SLAM benchmark
+)
 #: what programs call the numbers of a camera
 _NAMES: Final = {
     "fx": ("fx", "fl_x"),

@@ -29,6 +29,7 @@ from perception.inference.heads.listed import QueryHead
 from perception.inference.heads.signature import heads_of
 from perception.inference.interpretations import Answer, Interpretation, Interpretations
 from perception.inference.model_zoo import ModelCard, resolve
+from perception.inference.second_opinion import SecondOpinion
 from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
 _log = logging.getLogger(__name__)
@@ -49,6 +50,7 @@ class OnnxDetector:
     session: Session
     readings: Interpretations  # what its outputs may mean
     threshold: float  # least score, 0..1
+    second: SecondOpinion | None = None  # on its first answers, where no card has its labels
 
     @property
     def head(self) -> Head:
@@ -105,7 +107,7 @@ class OnnxDetector:
                 )
             if not self.readings.decide(answer_of, self.threshold):
                 return NO_DETECTIONS
-            return self._decoded(*answer_of(self.readings.likeliest), shape)
+            found = self._decoded(*answer_of(self.readings.likeliest), shape)
         except ModelError as error:
             if str(error).startswith(self.session.path.name):
                 raise
@@ -115,6 +117,9 @@ class OnnxDetector:
             raise ModelError(
                 f"{self.name} gives outputs that do not belong together: {shapes} ({error})"
             ) from error
+        if self.second is not None:
+            self.second.compare(rgb, found)
+        return found
 
     def _decoded(
         self, answer: list[NDArray[np.generic]], fitted: Fitted, shape: tuple[int, int]
@@ -232,7 +237,10 @@ def load_detector(
     guessed = card is None and "values" not in session.metadata and not bytes_
     chosen = len(readings) == 1 and (card is not None or head is not None)
     known_by = Interpretations(readings, others, guessed=guessed, chosen=chosen)
-    return OnnxDetector(name, session, known_by, threshold)
+    second = None
+    if card is None or labels is not None:
+        second = SecondOpinion(name, readings[0].labels, lambda: load_detector().detect_image)
+    return OnnxDetector(name, session, known_by, threshold, second)
 
 
 def _labelled(

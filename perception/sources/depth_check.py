@@ -20,7 +20,6 @@ from kg.model.errors import RecordingError
 from perception.camera.depth_agreement import DepthSamples, depth_samples, lone_text
 from perception.camera.depth_edges import (
     ONE_SCENE,
-    ColourJudge,
     EdgeOffset,
     colour_fit,
     edge_offset,
@@ -38,11 +37,18 @@ from perception.sources.depth_readings import (
     pairs_by,
     share_without,
 )
-from perception.sources.known_mistakes import another_body, another_cause, two_causes
+from perception.sources.known_mistakes import (
+    another_body,
+    another_cause,
+    disparity_for_depth,
+    two_causes,
+)
 
 EDGE_FRAMES: Final = 24  # whose edges are compared
 MAX_DEPTH: Final = 100.0  # [m] median of an image's depth
 NEAREST, FARTHEST = 0.45, 7.0  # [m] usual medians of an image's depth
+USUAL: Final = 2.0  # [m] the same of rooms
+UNITS: Final = {"centimetres": 100, "millimetres": 1000, "tenths of millimetres": 10000}
 EDGES_APART: Final = 6.0  # [px of 640] between the edges of depth and of colour
 
 _log = logging.getLogger(__name__)
@@ -118,6 +124,8 @@ def depth_findings(
     if error is None and share is not None and share < GOOD:
         error = another_scale(name, pairs, convention, depth_scale, share)
         error = error or another_cause(name, pairs, convention, share)
+        focal = float(frame(0).K[0, 0])
+        error = error or disparity_for_depth(name, pairs, convention, focal, share)
         error = error or another_body(name, poses, briefly, share)
         error = error or two_causes(name, poses, convention, depth_scale, briefly, share)
         error = error or (
@@ -147,22 +155,21 @@ def _colour_findings(
         return offset, (_unregistered(name, offset),)
     if shows_two_scenes(fit := colour_fit(images)):
         return offset, (two_scenes(name, fit),)
-    judge = ColourJudge(apart=1)
-    for one in shown:
-        judge.add(one.id, one.rgb, one.depth)
-    return offset, (f"{name}: {judge.told}",) if judge.told else ()
+    return offset, ()
 
 
 def _lone(name: str, lone: set[int], frame_at: FrameAt) -> tuple[str, ...]:
     """A warning of frames that contradict their neighbours; none without any."""
     ids = [frame_at(number).id for number in sorted(lone)[:4]]
-    return (f"{name}: {lone_text(f'{len(lone)} of the compared frames', ids)}",) if lone else ()
+    text = lone_text("depth", f"{len(lone)} of the compared frames", ids)
+    return (f"{name}: {text}",) if lone else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:
+    unit, factor = min(UNITS.items(), key=lambda one: abs(np.log(middle / one[1] / USUAL)))
     return (
-        f"{name}: depth has a median of {middle:.0f} m, as millimetres have that are taken for "
-        f"metres; --depth-scale {depth_scale * 1000:g} would work, --no-check maps it as it is"
+        f"{name}: depth has a median of {middle:.0f} m, as {unit} have that are taken for metres; "
+        f"--depth-scale {depth_scale * factor:.12g} would work, --no-check maps it as it is"
     )
 
 

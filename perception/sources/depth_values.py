@@ -17,6 +17,8 @@ from perception.sources.listing import RecordingListing
 SAMPLED: Final = 16  # images, spread evenly, that are looked through
 ROUGHER: Final = 10.0  # times as large steps between pixels where bytes are exchanged
 FEW_VALUES: Final = 3  # of an image, which has no others, of so many images one after the other
+LINES: Final = 8  # groups of rows with depth between empty ones, ...
+THIN: Final = 3  # ... of so many rows at most, in the mean
 FEW_SHARE: Final = 0.9  # of the pixels of such an image
 
 _log = logging.getLogger(__name__)
@@ -37,13 +39,14 @@ def no_return_of(
     """
     entries = listing.entries
     unmoved, known, whole = UnmovedValues(), dict[str, Constant](), 0
-    exchanged = 0
+    exchanged = lines = 0
     for entry in entries[:: max(1, len(entries) // SAMPLED)]:
         with contextlib.suppress(RecordingError):  # told where the frame is read
             depth = entry.depth.depth(depth_scale)
             K = camera.fitted(depth.shape[1], depth.shape[0]).K
             found = unmoved.add(depth, K, entry.T_world_cam)
             exchanged += _bytes_exchanged(depth, depth_scale)
+            lines += _in_lines(depth)
             few = sum(one.share for one in found) >= FEW_SHARE * np.isfinite(depth).mean()
             whole = whole + 1 if len(found) >= FEW_VALUES and few else 0
             for one in found:
@@ -53,6 +56,11 @@ def no_return_of(
         raise RecordingError(
             f"{name}: the two bytes of its depth are exchanged, as where is_bigendian is "
             "wrong; the other byte order would work, or --no-check"
+        )
+    if lines >= FEW_VALUES and tell:
+        raise RecordingError(
+            f"{name}: its depth lies in thin lines with empty rows between them, as a lidar's that "
+            "are projected into the image; depth that is interpolated between them would work"
         )
     if whole >= FEW_VALUES and tell:
         raise RecordingError(
@@ -68,6 +76,13 @@ def no_return_of(
             told(known.values()),
         )
     return tuple(known.values())
+
+
+def _in_lines(depth: NDArray[np.float32]) -> bool:
+    """Whether depth lies in lines of few rows."""
+    shown = np.asarray(np.isfinite(depth).any(axis=1))
+    groups = int((shown[1:] & ~shown[:-1]).sum())
+    return groups >= LINES and int(shown.sum()) <= THIN * groups
 
 
 def _bytes_exchanged(depth: NDArray[np.float32], depth_scale: float) -> bool:

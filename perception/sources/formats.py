@@ -18,6 +18,7 @@ from perception.sources.folders import (
     transforms_json,
     tum,
 )
+from perception.sources.folders.datasets import DATASETS
 from perception.sources.folders.exports import EXPORTS
 from perception.sources.folders.unread import hint_of
 from perception.sources.listing import Format
@@ -25,6 +26,7 @@ from perception.sources.listing import Format
 #: Tried in this order when the format is not named, before those of extensions.
 FORMATS: tuple[Format, ...] = (
     seven_scenes.FORMAT,
+    *DATASETS,
     *EXPORTS,
     tum.FORMAT,
     numbered_images.TRAJECTORY_LOG,

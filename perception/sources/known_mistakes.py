@@ -55,6 +55,23 @@ def another_cause(name: str, pairs: list[FramePair], convention: str, given: flo
     return None
 
 
+def disparity_for_depth(
+    name: str, pairs: list[FramePair], convention: str, focal: float, given: float
+) -> str | None:
+    """Message for depth that is disparity, by the focal length [px]; None where it is none."""
+    known = [one.depth for pair in pairs for one in (pair.a, pair.b)]
+    constant = 2 * float(np.nanmedian(np.concatenate([z.ravel() for z in known]))) ** 2
+    cause = _Cause("it is disparity", "", lambda image: _inverse(image, constant))
+    best, scale = best_scale([cause.undone(pair) for pair in pairs], convention)
+    if best < max(GOOD, given + BETTER):
+        return None
+    remedy = (
+        f"--disparity {scale * constant / focal:.2g} would work, about, or the baseline [m] of "
+    )
+    remedy += "its cameras with --depth-scale, the units a pixel"
+    return would_fit(name, given, best, cause.text, remedy)
+
+
 def two_causes(
     name: str,
     poses: Sequence[Pose],
@@ -182,6 +199,10 @@ class _Cause:
 def _convention(name: str) -> _Cause:
     option = f"--pose-convention {name}"
     return _Cause(f"poses are by the convention {name}", option, convention=name)
+
+
+def _inverse(image: DepthSamples, constant: float) -> DepthSamples:
+    return gridded_samples((constant / image.depth).astype(np.float32), image.K)
 
 
 def _along_axis(image: DepthSamples) -> DepthSamples:

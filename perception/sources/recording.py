@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError, did_you_mean
+from perception.camera.channel_order import MIN_VIEWS, ChannelOrder
 from perception.camera.gravity_alignment import (
     clear_turns,
     gravity_aligned_transform,
@@ -50,7 +51,7 @@ from perception.sources.estimated_poses import (
     wants_estimate,
     with_estimated_poses,
 )
-from perception.sources.folders.image_files import posed
+from perception.sources.folders.image_files import DisparityImage, posed
 from perception.sources.formats import format_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import DamagedImages, FrameEntry, RecordingListing
@@ -63,7 +64,7 @@ from perception.sources.recording_options import (
 _log = logging.getLogger(__name__)
 LATEST = 1e11  # [s] of a stamp, in the year 5138
 FIRST = 3  # frames, of which one has to be readable
-SIZED = 9  # images whose size is that of most
+SAMPLED = MIN_VIEWS  # images, spread evenly, whose size is that of most
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -83,6 +84,7 @@ class FolderRecording:
     turns: int = 0  # quarters, counter-clockwise, that images are turned by; poses are turned too
     estimate: TrackingReport | None = None  # of poses that were estimated from the images
     no_return: tuple[Constant, ...] = ()  # depths that mean that nothing was measured
+    bgr: bool = False  # whether red and blue of its images are exchanged
     damaged: DamagedImages = field(default_factory=DamagedImages)
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
@@ -122,6 +124,8 @@ class FolderRecording:
         """The frame of an entry by this recording's camera; raises RecordingError."""
         camera = self.rectifier.camera
         rgb = entry.colour.colour()
+        if self.bgr:
+            rgb = np.ascontiguousarray(rgb[:, :, ::-1])
         if rgb.shape[1::-1] != (camera.width, camera.height):
             raise RecordingError(
                 f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, other images "
@@ -197,17 +201,22 @@ def open_recording(
     )
     up = read_gravity(folder) if listing.up is None else listing.up
     listing = replace(listing, entries=entries, up=up)
+    rectifier, order = _rectifier(listing, folder, bgr=o.bgr)
+    listing = _of_disparity(listing, rectifier.camera, o.disparity)
     recording = FolderRecording(
         name=o.name or _name(folder),
         format=chosen.name,
         T_map_world=np.eye(4),
         listing=listing,
-        rectifier=_rectifier(listing, folder),
+        rectifier=rectifier,
         depth_scale=_depth_scale(listing, o.depth_scale),
         start_time=begin if relative else 0.0,
+        bgr=o.bgr,
         damaged=DamagedImages(o.name or _name(folder), len(entries)),
     )
     _check_images(recording)
+    if o.check and order.told:
+        _log.warning("%s: %s", recording.name, order.told)
     apart = listing.depth_camera
     seen_by = recording.rectifier.camera if apart is None else apart.intrinsics
     known = no_return_of(recording.name, listing, seen_by, recording.depth_scale, tell=o.check)
@@ -229,6 +238,18 @@ def open_recording(
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _of_disparity(
+    listing: RecordingListing, camera: Intrinsics, baseline: float | None
+) -> RecordingListing:
+    """The listing whose depth images are disparities of a pair of cameras; None: they are not."""
+    if baseline is None:
+        return listing
+    seen_by = camera if listing.depth_camera is None else listing.depth_camera.intrinsics
+    images = (DisparityImage(entry.depth, seen_by, baseline) for entry in listing.entries)
+    pairs = zip(listing.entries, images, strict=True)
+    return replace(listing, entries=tuple(replace(entry, depth=image) for entry, image in pairs))
 
 
 def _check_images(recording: FolderRecording) -> None:
@@ -369,8 +390,10 @@ def _rectifier_of(camera: Intrinsics) -> Rectifier:
     return Rectifier.for_camera(camera)
 
 
-def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
-    """The camera fitted to the size of most of SIZED images."""
+def _rectifier(
+    listing: RecordingListing, folder: Path, *, bgr: bool
+) -> tuple[Rectifier, ChannelOrder]:
+    """The camera fitted to the size of most of SAMPLED images, and the order of their channels."""
     if listing.camera is None:
         raise RecordingError(
             listing.no_camera
@@ -378,16 +401,20 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
             '{"fx": 525, "fy": 525, "cx": 319.5, "cy": 239.5} of its colour camera [px], or '
             "--intrinsics FILE, would work"
         )
-    sizes, failures = list[tuple[int, ...]](), list[RecordingError]()
-    for place in np.unique(np.linspace(0, len(listing.entries) - 1, SIZED).astype(int)).tolist():
+    sizes, failures, order = list[tuple[int, ...]](), list[RecordingError](), ChannelOrder()
+    places = np.unique(np.linspace(0, len(listing.entries) - 1, SAMPLED).astype(int))
+    for place in places.tolist():
         try:
-            sizes.append(listing.entries[place].colour.colour().shape[1::-1])
+            rgb = listing.entries[place].colour.colour()
         except RecordingError as error:
             failures.append(error)
+        else:
+            sizes.append(rgb.shape[1::-1])
+            order.add(rgb[:, :, ::-1] if bgr else rgb)
     if not sizes:
         raise failures[0]
     width, height = max(sizes, key=sizes.count)
-    return Rectifier.for_camera(listing.camera.fitted(width, height))
+    return Rectifier.for_camera(listing.camera.fitted(width, height)), order
 
 
 def _depth_scale(listing: RecordingListing, given: float | None) -> float:

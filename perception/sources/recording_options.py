@@ -91,6 +91,9 @@ class RecordingOptions:
             (`perception.sources.depth_check`).
         registered: whether depth is taken as it is for registered to colour, though the recording
             has a depth camera of its own.
+        disparity: baseline [m] of two cameras, where depth images are disparities in pixels;
+            `depth_scale` is that of the pixels then.
+        bgr: whether red and blue of its images are exchanged.
         streams: topics and frames to read from a bag.
         selection: frames to read.
     """
@@ -107,6 +110,8 @@ class RecordingOptions:
     pose_convention: str = "camera-to-world"
     check: bool = True
     registered: bool = False
+    bgr: bool = False
+    disparity: float | None = None
     streams: Streams = field(default_factory=Streams)
     selection: Selection = field(default_factory=Selection)
 

@@ -24,6 +24,7 @@ from perception.camera.gravity_alignment import (
     upright_turns,
 )
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
+from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import LOST, Pose
 from perception.number_tables import check_pointer
 from perception.sources.listing import DAMAGED_SHARE, FrameEntry, RecordingListing, StoredImage
@@ -32,6 +33,7 @@ COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
 DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff", ".pgm", ".pfm")
 _NPY = b"\x93NUMPY"
 _OTHERS = (_NPY, b"II*\0", b"MM\0*", b"P5", b"Pf")  # NPY, TIFF, PGM, PFM
+_COUNTED = re.compile(r"(\d+)-\d{9,}")
 _MAX_HEADER = 10_000  # [bytes] of an NPY file
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
 _log = logging.getLogger(__name__)
@@ -169,6 +171,34 @@ class TurnedImage:
         return turned_image(self.image.depth(depth_scale), self.turns)
 
 
+@dataclass(frozen=True, slots=True)
+class DisparityImage:
+    """A depth image that holds disparities [px] of the pixels of `camera`."""
+
+    image: StoredImage
+    camera: Intrinsics
+    baseline: float  # [m]
+
+    def __str__(self) -> str:
+        return str(self.image)
+
+    def check(self) -> None:
+        """As the image's own."""
+        self.image.check()
+
+    def colour(self) -> NDArray[np.uint8]:
+        """As the image's own."""
+        return self.image.colour()
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; `depth_scale` [units a pixel] is that of 16-bit images."""
+        pixels = self.image.depth(depth_scale)
+        focal = self.camera.fitted(pixels.shape[1], pixels.shape[0]).fx
+        with np.errstate(divide="ignore"):
+            found = np.where(pixels > 0, focal * self.baseline / pixels, np.nan)
+        return np.asarray(found, np.float32)
+
+
 def turned_upright(listing: RecordingListing, up: NDArray[np.float64]) -> RecordingListing:
     """A phone's listing, turned by quarters until `up` (3,) is at the top of most images.
 
@@ -233,7 +263,8 @@ def images_by_number(
 ) -> dict[int, Path]:
     """Images of `folder` keyed by the last number in their name, in numeric order.
 
-    Those whose name begins with `prefix`.
+    Those whose name begins with `prefix`. Of a frame's number and its time, as SUN3D and Redwood
+    have them (`0000012-000000399960`), the first counts.
 
     Raises RecordingError where there is no image, a name without number, or one number twice.
     """
@@ -243,7 +274,8 @@ def images_by_number(
     for path in files_in(folder):
         if path.suffix.lower() not in wanted or not path.name.startswith(prefix):
             continue
-        digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()
+        counted = _COUNTED.fullmatch(path.stem)
+        digits = [counted[1]] if counted else re.findall(r"\d+", path.stem)
         if not digits:
             nameless.append(path)
             continue

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from kg.model.errors import RecordingError
-from perception.camera.intrinsics import find_intrinsics
+from perception.camera.intrinsics import TEXT_NAMES, find_intrinsics
 from perception.camera.poses import Pose, read_pose, read_pose_log, read_pose_rows
 from perception.number_tables import in_seconds
 from perception.sources.folders.image_files import (
@@ -55,7 +55,7 @@ from perception.sources.listing import (
 DEPTH_SCALE = 1000.0
 REPLICA_SCALE = 6553.5
 POSE_FOLDERS = ("pose", "poses")
-ROW_FILES = ("poses.txt", "pose.txt")
+ROW_FILES = ("poses.txt", "pose.txt", "traj_w_c.txt")  # the last: of Semantic-NeRF
 COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
 #: [s, or ms, us or ns] since 1970, in a name; or seconds and nanoseconds, as ROS has them
 STAMP = re.compile(r"\d{9,10}\.\d+|(?<!\d)1\d{12}(?:\d{3}){0,2}(?!\d)")
@@ -159,19 +159,28 @@ def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
         find_intrinsics(folder),
         DEPTH_SCALE,
         no_poses=f"{folder} has no poses: no groundtruth.txt, trajectory.log, poses.txt, "
-        "transforms.json or pose/ with text files",
+        f"transforms.json or pose/ with text files{_others(folder)}",
     )
 
 
-def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
-    """Pairs of images by the stamps in their names; empty where a name has none."""
+def _others(folder: Path) -> str:
+    """Files of a folder that may have poses, for a message."""
+    found = [p.name for p in files_in(folder) if p.suffix.lower() in POSE_SUFFIXES]
+    found = [name for name in found if name not in TEXT_NAMES]
+    return f"; --poses {found[0]} reads that file, where it has some" if found else ""
+
+
+def pairs_by_stamp(
+    colour: Path, depth: Path, stamp: re.Pattern[str] = STAMP
+) -> list[tuple[Path, Path, float]]:
+    """Pairs of images by the `stamp` in their names; empty where a name has none."""
     found = []
     for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, DEPTH_SUFFIXES)):
         paths = [path for path in files_in(folder) if path.suffix.lower() in suffixes]
-        stamps = [STAMP.search(ROS_STAMP.sub(_with_point, path.stem)) for path in paths]
+        stamps = [stamp.search(ROS_STAMP.sub(_with_point, path.stem)) for path in paths]
         if not paths or not all(stamps):
             return []
-        numbers = np.array([float(stamp[0]) for stamp in stamps if stamp])
+        numbers = np.array([float(one[0]) for one in stamps if one])
         found.append((paths, in_seconds(numbers, folder)))
     (colours, a), (depths, b) = found
     pairs = sorted(nearest_pairs(a, b, TOLERANCE), key=lambda pair: float(a[pair[0]]))

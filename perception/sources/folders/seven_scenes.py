@@ -4,8 +4,9 @@ Where a folder also holds depth registered to the colour camera (frame-N.depthre
 camera's poses (frame-N.posecolor.txt), these are read. The original files hold depth and poses of
 the depth camera only; depth is then registered to the colour camera on reading.
 
-BundleFusion and ScanNet's SensReader write the same names and info.txt, which has the cameras of
-colour and depth and the unit of depth; poses that were lost are -inf.
+BundleFusion, ScanNet's SensReader, 3RScan and 12-Scenes write the same names and info.txt, the last
+beside the folder of images, which has the cameras of colour and depth and the unit of depth; poses
+that were lost are -inf. Depth may be PGM, as 3RScan has it.
 """
 
 from __future__ import annotations
@@ -60,13 +61,13 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     colours = [p for p in folder.glob("frame-*.color.*") if p.suffix in (".png", ".jpg", ".jpeg")]
     if not colours:
         raise RecordingError(f"no frame-N.color.png or frame-N.color.jpg in {folder}")
-    info = first_file(folder, *INFO)
+    info = first_file(folder, *INFO) or first_file(folder.resolve().parent, *INFO)
     registered = any(folder.glob("frame-*.depthreg.png"))
-    depth, pose = (".depthreg.png", ".posecolor.txt") if registered else (".depth.png", ".pose.txt")
+    depth, pose = (".depthreg", ".posecolor.txt") if registered else (".depth", ".pose.txt")
     T_depth_colour = np.eye(4)
     if not registered and info is None:
         T_depth_colour[0, 3] = COLOUR_OFFSET
-    depths = folder.glob(f"frame-*{depth}")
+    depths = folder.glob(f"frame-*{depth}.p[gn][gm]")
     pairs = pairs_by_number(_by_number(colours), _by_number(depths), folder)
     posed = any(folder.glob(f"frame-*{pose}"))
     no_poses = "" if posed else f"{folder} has no poses: files frame-N{pose} are missing"

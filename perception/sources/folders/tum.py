@@ -31,7 +31,9 @@ from perception.sources.listing import (
 )
 
 DEPTH_FACTOR = 5000.0
-POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt")  # the second: already at colour's stamps
+MILLIMETRES = 1000.0
+#: the second: already at colour's stamps; the third: of Kimera
+POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt", "traj_vio.csv")
 #: files of poses that programs leave in a folder of the benchmark's lists
 OTHER_POSES = (
     "groundtruth.csv",
@@ -83,7 +85,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     )
     poses = _poses(folder) or first_file(folder, *OTHER_POSES)
     if poses is None:
-        missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
+        missing = f"{folder} has no poses: {' or '.join(POSES[:2])} is missing"
         return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_poses=missing)
     trajectory = read_trajectory(poses)
     missing = (
@@ -91,7 +93,8 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
         f"within {TOLERANCE} s (poses: {trajectory.reach})"
     )
     entries = with_poses(entries, lambda entry: trajectory.at(entry.stamp, TOLERANCE))
-    return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_pose_found=missing)
+    scale = MILLIMETRES if poses.name == POSES[2] else DEPTH_FACTOR
+    return RecordingListing(entries, _camera(folder), scale, no_pose_found=missing)
 
 
 def _camera(folder: Path) -> Intrinsics | None:

@@ -27,9 +27,19 @@ _FILES: Final = (
     (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst", "*.xz", "*.rar"),
      "an archive; unpack it first"),
     (("EXR_RGBD",), "an export of Record3D; its .r3d file is read"),
-    (("lowres_wide.traj", "pose_intrinsic_imu.json"), "of a recording of ARKitScenes or ScanNet++; "
-     "its images as rgb/ and depth/, the 4x4 camera to world matrix of each image in pose/, and "
-     "intrinsics.json are read"),
+    (("pose_intrinsic_imu.json", "matterport_color_images", "undistorted_color_images",
+      "frame_*.json"), "of a recording of ScanNet++, Matterport3D or 3D Scanner App; its images as "
+     "rgb/ and depth/, the 4x4 camera to world matrix of each image in pose/, and intrinsics.json "
+     "are read"),
+    (("lowres_wide.traj",), "of a recording of ARKitScenes; lowres_wide/, lowres_depth/ and "
+     "lowres_wide_intrinsics/ beside it are read"),
+    (("*.h5", "*.hdf5", "*.npz", "*.mat", "*.pkl", "*.exr", "*.ppm"), "an array, or an image of "
+     "another form; its images as rgb/ (PNG or JPEG) and depth/ (16-bit PNG in millimetres, or NPY "
+     "in metres), numbered alike, and intrinsics.json are read"),
+    (("mav0", "cam0", "image_0"), "of a stereo recording; depth by stereo matching (16-bit PNG) in "
+     "depth/ beside rgb/ would work"),
+    (("sparse", "cameras.bin", "images.bin"), "of COLMAP and has no depth; with depth images in "
+     "depth/, and its poses in transforms.json (nerfstudio's ns-process-data), it is read"),
     (("*.ply", "*.pcd", "*.obj", "*.glb", "*.usdz", "*.las", "*.e57"), "a model of surfaces and "
      "has no images; the colour and depth images that it was made of would work"),
     (("*.mp4", "*.mov", "*.avi", "*.webm"), "a video and has no depth; rgb.mp4 beside depth/ and "

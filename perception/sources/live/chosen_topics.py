@@ -183,5 +183,6 @@ class ChosenTopics:
             rectifier=Rectifier.for_camera(camera.fitted(width, height)),
             depth_scale=options.depth_scale or camera.depth_scale or MILLIMETRES,
             start_time=start_time,
+            bgr=options.bgr,
             turns=0 if choice.poses is None else clear_turns([entry.T_world_cam], up),
         )

@@ -60,12 +60,14 @@ SOURCE: dict[str, tuple[list[str], str, Any]] = {
     "--pose-convention": (["ros"], "reading.pose_convention", "ros"),
     "--no-check": ([], "reading.check", False),
     "--registered": ([], "reading.registered", True),
+    "--bgr": ([], "reading.bgr", True),
     "--up": (["z"], "reading.up", "z"),
     "--same-frame": ([], "mapping.same_frame", True),
 }
 RECORDING: dict[str, tuple[list[str], str, Any]] = {
     **SOURCE,
     "--poses": (["poses.txt"], "reading.poses", Path("poses.txt")),
+    "--disparity": (["0.12"], "reading.disparity", 0.12),
     "--every": (["3"], "reading.selection.every", 3),
     "--keyframes": ([], "reading.selection.keyframes", True),
     "--limit": (["7"], "reading.selection.limit", 7),

@@ -8,6 +8,7 @@ import pytest
 
 from kg.model.errors import FrameError, RecordingError
 from mapping.frames.frame_checks import MAX_PAIRS, FrameChecks
+from mapping.frames.lone_frames import without_lone
 from mapping.frames.pose_monitor import PoseMonitor
 from mapping.frames.read_ahead import read_ahead
 from mapping.mapper import Mapper
@@ -378,19 +379,34 @@ def test_after_a_jump_what_was_seen_before_it_tells_no_drift():
     assert list(problems(jumped)) == ["jump"]
 
 
-def test_frames_whose_colour_is_late_are_named(shared, caplog):
-    options = RecordingOptions(selection=Selection(every=2, limit=50), check=False)
-    frames = list(open_recording(shared("data/rgbd/redkitchen"), options).frames())
+@pytest.mark.parametrize("data", ["data/rgbd/redkitchen", "data/rgbd/hololens_lounge"])
+def test_frames_whose_colour_is_late_are_named_and_left_out(shared, caplog, data):
+    options = RecordingOptions(selection=Selection(limit=60), check=False)
+    frames = list(open_recording(shared(data), options).frames())
     assert problems(frames) == {}
-    for late in ((30,), (20, 30, 35, 41)):
-        caplog.clear()
-        mixed = [
-            replace(f, rgb=frames[n - 12].rgb if n in late else f.rgb) for n, f in enumerate(frames)
-        ]
-        told = problems(mixed)["colour"]
-        assert told.startswith(f"colour of {len(late)} of ")
-        assert all(mixed[n].id in told for n in late[:3])
-        assert caplog.text.count("does not show what their depth shows") == len(late).bit_length()
+    late = [21, 35, 36, 37, 50]
+    mixed = [
+        replace(f, rgb=frames[n - 12].rgb if n in late else f.rgb) for n, f in enumerate(frames)
+    ]
+    assert "colour of 4 frames contradicts" in problems(mixed)["colour"]  # told as they double
+    caplog.clear()
+    lines = dict[tuple[str, str], str]()
+    shown = list(without_lone(iter(mixed), "room", lines))
+    assert [one.id for one in shown] == [one.id for one in mixed]
+    assert [n for n, one in enumerate(shown) if one.blank] == late
+    assert f"{mixed[21].id}, {mixed[35].id}" in lines["", "colour"]
+    assert caplog.text.count("they are left out") == len(late).bit_length() - 1
+
+
+def test_frames_of_several_cameras_are_judged_each_by_their_own():
+    tour = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    other = [replace(shifted(f, 0.6, 0.5), id=f"b-{f.id}", camera="b") for f in tour]
+    other[20] = scaled(other[20], 1.3)
+    both = [one for pair in zip(tour, other, strict=True) for one in pair]
+    lines = dict[tuple[str, str], str]()
+    shown = list(without_lone(both, "room", lines))
+    assert [one.id for one in shown if one.blank] == [other[20].id]
+    assert [*lines] == [("b", "lone")]
 
 
 def readers() -> int:

@@ -1,6 +1,7 @@
 """Wrong depth scales and conventions of poses are noticed, with what would work."""
 
 import logging
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from perception.camera.poses import (
 from perception.frames import Frame
 from perception.no_return import ray_lengths
 from perception.sources.bags.camera_mounts import pose_of_origin
+from perception.sources.depth_check import depth_findings
 from perception.sources.listing import Streams
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
@@ -112,6 +114,18 @@ def test_two_causes_at_once_are_named(tmp_path, causes):
         open_recording(folder)
 
 
+def test_disparity_is_named_with_the_baseline_and_the_option_works(tmp_path):
+    focal = room_frame(round_tour()[0], 0).K[0, 0]
+    pixels = lambda f: replace(f, depth=(focal * 0.11 / f.depth).astype(np.float32))  # noqa: E731
+    with pytest.raises(RecordingError, match="it is disparity; --disparity") as refused:
+        open_recording(write(tmp_path / "room", change=pixels))
+    about = float(re.search(r"--disparity ([\d.]+)", str(refused.value))[1])
+    assert about == pytest.approx(0.11, rel=0.15)
+    mended = open_recording(tmp_path / "room", RecordingOptions(disparity=0.11))
+    true = room_frame(round_tour()[5], 5).depth
+    assert np.nanmedian(np.abs(mended.frame(5).depth / true - 1)) < 0.01
+
+
 @pytest.mark.parametrize("cause", CAUSES)
 def test_the_cause_is_named_and_what_would_work_works(tmp_path, cause):
     as_written, change, remedy = CAUSES[cause]
@@ -147,6 +161,15 @@ def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
     assert (
         open_recording(room, RecordingOptions(depth_scale=scale, check=False)).depth_scale == scale
     )
+
+
+@pytest.mark.parametrize(("times", "right"), [(100, "500000"), (1000, "5000000")])
+def test_depth_far_too_large_is_refused_with_its_unit(tmp_path, times, right):
+    larger = lambda f: replace(f, depth=f.depth * np.float32(times))  # noqa: E731
+    frames = [larger(room_frame(T, n)) for n, T in enumerate(round_tour())]
+    found = depth_findings("room", [f.T_map_cam for f in frames], "camera-to-world", 5000,
+                           frames.__getitem__)  # fmt: skip
+    assert f"--depth-scale {right} would work" in str(found.error)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1000.0, True), (50000.0, True), (5000.0, False)])

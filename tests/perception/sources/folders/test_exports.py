@@ -168,7 +168,85 @@ def depth_of(kind: str) -> Callable[[Room], object]:
     return write
 
 
+def renamed(room: Room, folder: str, names: Callable[[int], str]) -> None:
+    for path in sorted((room.folder / folder).iterdir()):
+        path.rename(path.with_name(names(int(path.stem)) + path.suffix))
+
+
+def arkit_scenes(room: Room) -> None:
+    room.images("lowres_wide/{n}.png", "lowres_depth/{n}.png")
+    for folder in ("lowres_wide", "lowres_depth"):
+        renamed(room, folder, lambda n: f"42445173_{6845 + n / 30:.5f}")
+    for n in range(6):
+        room.write(f"lowres_wide_intrinsics/42445173_{n}.pincam", "160 120 130 130 79.5 59.5\n")
+    lines = []
+    for n, T in enumerate(map(np.linalg.inv, room.views)):
+        turn = cv2.Rodrigues(T[:3, :3])[0].ravel()
+        lines.append(line([6845 + round(n / 30, 5), *turn, *T[:3, 3]]))
+    room.write("lowres_wide.traj", "".join(lines))
+
+
+def sun3d(room: Room) -> None:
+    room.images("image/{n}.png", "depth/{n}.png").write("intrinsics.txt", rows(K))
+    for folder, late in (("image", 0), ("depth", 4000)):
+        renamed(room, folder, lambda n, late=late: f"{n + 1:07d}-{n * 33333 + late:012d}")
+    for path in (room.folder / "depth").iterdir():
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), (depth << np.uint16(3)) | (depth >> np.uint16(13)))
+    room.write("extrinsics/20130512.txt", rows(np.eye(4)[:3]) * 6)
+    room.write("extrinsics/20140808.txt", "".join(rows(T[:3]) for T in room.views))
+
+
+def redwood(room: Room) -> None:
+    room.images("image/{n}.png", "depth/{n}.png").camera()
+    for folder, late in (("image", 0), ("depth", 4000)):
+        renamed(room, folder, lambda n, late=late: f"{n:07d}-{n * 33333 + late:012d}")
+    log = [f"{n} {n} {n + 1}\n" + rows(T) for n, T in enumerate(room.views)]
+    room.write("trajectory.log", "".join(log))
+
+
+def by_info(info: str, suffix: str = ".png") -> Callable[[Room], object]:
+    """BundleFusion's names, and its info.txt by another name."""
+
+    def write(room: Room) -> None:
+        seven_scenes(room)
+        for path in list(room.folder.glob("*.depth.png")):
+            depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            path.unlink()
+            cv2.imwrite(str(path.with_suffix(suffix)), depth)
+        whole = np.eye(4)
+        whole[:3, :3] = K
+        sizes = "".join(
+            f"m_{one}Width = 160\nm_{one}Height = 120\n"
+            f"m_calibration{one.title()}Intrinsic = {line(whole)}"
+            for one in ("color", "depth")
+        )
+        room.write(info, sizes + "m_depthShift = 1000\n")
+
+    return write
+
+
+def kimera(room: Room) -> None:
+    room.images("rgb/{t}.png", "depth/{t}.png").camera()
+    lines = [row.strip().replace(" ", ",") + "\n" for row in room.tum(1e9, w_first=True)]
+    room.write("traj_vio.csv", "#timestamp,x,y,z,qw,qx,qy,qz\n" + "".join(lines))
+
+
+def eth3d(room: Room) -> None:
+    listed("t", 1)(room)
+    (room.folder / "intrinsics.json").unlink()
+    room.write("calibration.txt", "130 130 79.5 59.5 1000\n")
+
+
 READ = {
+    "ARKitScenes": arkit_scenes,
+    "SUN3D": sun3d,
+    "Redwood": redwood,
+    "3RScan": by_info("_info.txt", ".pgm"),
+    "12-Scenes": by_info("../info.txt"),
+    "Semantic-NeRF": numbered("traj_w_c.txt", np.ravel),
+    "Kimera": kimera,
+    "ETH3D": eth3d,
     "a stamp before poses": numbered("poses.txt", lambda T: [1_700_000_000.5, *seven(T)]),
     "a number before poses": numbered("poses.txt", lambda T: [3, *T.ravel()]),
     "pose files as numpy prints them": of_pose("pose/{n}.TXT", lambda T: f"{T[:3]!s}\n"),
@@ -286,4 +364,25 @@ def test_pointers_of_git_lfs_are_named(room, name):
     numbered("poses.txt", seven)(room)
     room.write(name, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 61234\n")
     with pytest.raises(RecordingError, match=r"is a Git LFS pointer, .* `git lfs pull`"):
+        open_recording(room.folder, OPTIONS)
+
+
+def test_depth_that_is_disparity_is_read_with_the_baseline(room):
+    of_pose("pose/{n}.txt", rows)(room)
+    for path in (room.folder / "depth").iterdir():
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / 1000
+        cv2.imwrite(str(path), np.rint(130 * 0.12 / depth * 256).astype(np.uint16))
+    options = RecordingOptions(check=False, disparity=0.12, depth_scale=256)
+    for frame, T in zip(open_recording(room.folder, options).frames(), room.views, strict=True):
+        np.testing.assert_allclose(frame.depth, room_depth(T, K, SIZE), rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("matterport_color_images/a.jpg", "pose/"), ("mav0/cam0/data/1.png", "stereo matching"),
+     ("images.h5", "NPY"), ("frame_00000.json", "3D Scanner App"), ("cameras.bin", "transforms")],
+)  # fmt: skip
+def test_folders_that_are_not_read_name_the_conversion(room, name, advice):
+    room.write(name, b"1")
+    with pytest.raises(RecordingError, match=advice):
         open_recording(room.folder, OPTIONS)
