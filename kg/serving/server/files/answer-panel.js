@@ -1,5 +1,5 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, chance, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { button, byId, chance, element, examplesOf, folded, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
 import { clock } from "/files/time-axis.js";
@@ -115,8 +115,7 @@ export class AnswerPanel {
   _things({ about, known }) {
     const told = new Set(about.filter(({ name }) => name).map(({ iri }) => iri)), [room, ...others] = [...told].filter((iri) => this._data.places.has(iri));
     const iris = [...new Set([...known, ...about].map(({ iri }) => iri))].filter((iri) => !told.has(iri) && this._data.has(iri));
-    const more = iris.length > MAX_THINGS ? [element("li", `and ${iris.length - MAX_THINGS} more`)] : [];
-    return element("ul", "", ...iris.slice(0, MAX_THINGS).map((iri) => this._entry(iri, others.length ? "" : room)), ...more);
+    return folded("ul", iris, MAX_THINGS, (iri) => this._entry(iri, others.length ? "" : room));
   }
 
   /** A thing with its place, unless that is the only one that the sentences tell. */

@@ -5,6 +5,7 @@ const FIELD = 45 * Math.PI / 180; // [rad] of view, from top to bottom, in three
 const DEPTH = 500; // [m] above and below the target that the flat camera sees
 const MIN_SCALE = 0.5, MAX_SCALE = 800; // [px/m]
 const MIN_DISTANCE = 0.3, MAX_DISTANCE = 5000; // [m] from the camera to its target
+export const NEAREST = 0.05; // [m] from the camera in three dimensions to what it sees
 const SOUTH = { azimuth: 0, polar: 0.67 }; // [rad] first direction of the camera in three dimensions
 const STILL = 6; // [px] that a pointer may move during a click
 const MARGIN = 30; // [px] above and below all of the map
@@ -21,7 +22,7 @@ export class MapCamera {
     this.isHeld = false; // whether somebody drags it
     this.origin = [0, 0]; // [m] of the scene, since graphics hardware has 24 bits for a number
     this._moved = moved;
-    const flat = new THREE.OrthographicCamera(), solid = new THREE.PerspectiveCamera(45, 1, 0.05, 2 * MAX_DISTANCE);
+    const flat = new THREE.OrthographicCamera(), solid = new THREE.PerspectiveCamera(45, 1, NEAREST, 2 * MAX_DISTANCE);
     solid.up.set(0, 0, 1);
     flat.zoom = 40;
     flat.far = 2 * DEPTH;

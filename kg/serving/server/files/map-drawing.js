@@ -89,6 +89,12 @@ export function footprintOf({ x, y, dx, dy, yaw = 0 }) {
     [x + (a * dx * cos - b * dy * sin) / 2, y + (a * dx * sin + b * dy * cos) / 2]);
 }
 
+/** The area [m²] of an outer ring of corners [m] without its holes, the other rings. */
+export function areaOf(rings) {
+  const [outer, ...holes] = rings.map((ring) => Math.abs(ring.reduce((sum, [x, y], n) => sum + x * ring.at(n - 1)[1] - y * ring.at(n - 1)[0], 0)) / 2);
+  return holes.reduce((area, hole) => area - hole, outer);
+}
+
 /** Whether a point lies within rings, by the even-odd rule. */
 export function inside(x, y, rings) {
   let within = false;

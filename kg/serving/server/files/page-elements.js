@@ -36,6 +36,13 @@ export function linkButton(onClick, ...content) {
   return made;
 }
 
+/** A list of the first entries that `make` makes of rows; the others are made once they are unfolded. */
+export function folded(name, rows, most, make) {
+  const list = element(name, "", ...rows.slice(0, most).map(make)), rest = rows.slice(most);
+  if (rest.length) list.append(element("li", "", linkButton(({ target }) => target.closest("li").replaceWith(...rest.map(make)), `and ${rest.length} more`)));
+  return list;
+}
+
 /** Show or hide an element by its id. */
 export const reveal = (id, isShown) => { byId(id).classList.toggle("hidden", !isShown); };
 
