@@ -42,6 +42,9 @@ class Relation:
     probability: float  # 0..1; from 0.5 on the relation holds
 
 
+MAX_DEVIATION: Final = 1000.0  # [m] of a position in any map, as ontologies/shapes.ttl has it
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectRecord:
     """An object occurrence as the map believes it now."""
@@ -57,7 +60,7 @@ class ObjectRecord:
     place: str | None = None  # IRI of the place that contains it
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along its own axes
-    deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+    deviation: float | None = None  # [m] standard deviation of each coordinate, to MAX_DEVIATION
     relations: tuple[Relation, ...] | None = None  # None: a write keeps the relations in the map
     #: alternative categories: IRI -> probability that an object of that category is there
     labels: Mapping[str, float] = field(default_factory=dict)

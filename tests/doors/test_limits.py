@@ -23,6 +23,12 @@ BEYOND = {
         "WHERE { OPTIONAL { <object/2> here:extentX ?x } }",
         "millimetres",
     ),
+    "the uncertainty of a position": (
+        "DELETE { <object/2> here:positionDeviation ?x } "
+        "INSERT { <object/2> here:positionDeviation 1e200 } "
+        "WHERE { OPTIONAL { <object/2> here:positionDeviation ?x } }",
+        "between 0 and 1000 m",
+    ),
     "the name of a thing": (
         f"INSERT DATA {{ <urn:{'x' * 8000}> rdfs:comment 'x' }}",
         "8,004 characters",

@@ -27,6 +27,7 @@ from kg.model.areas import Area, Outline, area_of
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri
 from kg.model.records import (
+    MAX_DEVIATION,
     DepartedRecord,
     Evidence,
     ObjectRecord,
@@ -353,7 +354,8 @@ def _extent(record: ObjectRecord, what: str) -> list[tuple[str, NamedNode | Lite
         facts += axis_literals(SIDES, record.extent, f"{what}: extent", minimum=0.0)
         facts += yaw_literals(record.yaw, what)
     if record.deviation is not None:
-        deviation = number_literal(record.deviation, f"{what}: position deviation", minimum=0.0)
+        what = f"{what}: position deviation"
+        deviation = number_literal(record.deviation, what, minimum=0.0, maximum=MAX_DEVIATION)
         facts.append((v.DEVIATION, deviation))
     return facts
 
