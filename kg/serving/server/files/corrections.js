@@ -206,8 +206,4 @@ export class Corrections {
 }
 
 /** A field with a name for screen readers. */
-function field(name, given) {
-  const made = Object.assign(element("input"), given);
-  made.setAttribute("aria-label", name);
-  return made;
-}
+const field = (ariaLabel, given) => element("input", "", { ariaLabel, ...given });

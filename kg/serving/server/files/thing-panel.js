@@ -59,7 +59,7 @@ export class ThingPanel {
 
   _rooms() {
     const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", ` ${this._counted(room)}`)));
-    return entries.length ? [Object.assign(element("ul", "", ...entries), { className: "rooms" })] : [];
+    return entries.length ? [element("ul", "", { className: "rooms" }, ...entries)] : [];
   }
 
   /** The number of things in a room, in words. */
@@ -73,12 +73,12 @@ export class ThingPanel {
   }
 
   _object(one) {
-    const place = this._data.places.get(one.place), where = identified("span", "about-where", place ? this._data.inPlace(place) : "");
+    const place = this._data.places.get(one.place), where = element("span", place ? this._data.inPlace(place) : "in no known room", { id: "about-where" });
     const sides = [one.dx, one.dy, one.dz].map((side) => Math.round(100 * side));
     return [
       element("h2", "", named(this._data, one)), element("div"), // for the picture
       this._facts(one, [
-        ["what", identified("span", "about-what", this._data.labelOf(one.class)), "a"],
+        ["what", element("span", this._data.labelOf(one.class), { id: "about-what" }), "a"],
         ["where", where, "here:inPlace"],
         ["is it there?", sureness(one.existence), "here:existence"],
         ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high` : "", "here:extentX"],
@@ -107,16 +107,14 @@ export class ThingPanel {
   }
 
   _end(thing) {
-    const link = linkTo(thing.iri, this._data.base, "Open its page");
-    link.className = "primary";
+    const link = Object.assign(linkTo(thing.iri, this._data.base, "Open its page"), { className: "primary" });
     return [element("p", "", link), slot("why", "Why the map believes it"), slot("history", "History")];
   }
 
   /** A list of statements [name, content, predicate], each with its source behind a line. */
   _facts(thing, rows) {
     return element("dl", "", ...rows.filter(([, content]) => content).flatMap(([name, content, predicate]) => {
-      const source = element("details", "", element("summary", "why?"), element("div", "…"));
-      source.className = "source";
+      const source = element("details", "", { className: "source" }, element("summary", "why?"), element("div", "…"));
       source.addEventListener("toggle", () => fill(source.lastElementChild, whyOf(this._data, `${this._data.pathOf(thing.iri)} ${predicate}`)), { once: true });
       return [element("dt", name), element("dd", "", content, source)];
     }));
@@ -145,12 +143,9 @@ function fill(place, answer) {
   answer.then((content) => place.replaceChildren(...content), (error) => place.replaceChildren(element("p", error.message)));
 }
 
-const identified = (name, id, ...content) => Object.assign(element(name, "", ...content), { id });
-
 function slot(id, title) {
-  const made = identified("details", `about-${id}`, element("summary", title), element("div", "…"));
-  made.open = id === "history" || document.body.className !== "wide";
-  return made;
+  const open = id === "history" || document.body.className !== "wide";
+  return element("details", "", { id: `about-${id}`, open }, element("summary", title), element("div", "…"));
 }
 
 /** What else it may be, and what it is on, in or beside, and what is on or in it: phrases with links, the surest first. */
@@ -170,7 +165,7 @@ async function relationsOf(data, iri, choose) {
     const [before, after] = words.split("…"), names = [...others.keys()].map((other) => data.partsOf(data.objects.get(other))[0]);
     return element("span", before, ...[...others].flatMap(([other, share], n) => {
       const one = data.objects.get(other), isOnly = names.filter((name) => name === names[n]).length === 1; // of its name; others have their numbers
-      const link = Object.assign(linkButton(() => choose(other), isOnly ? named(data, one) : data.nameOf(one)), { title: `${percent(Number(share))} sure` });
+      const link = linkButton(() => choose(other), isOnly ? named(data, one) : data.nameOf(one), { title: `${percent(Number(share))} sure` });
       return [n ? (n === names.length - 1 ? " and " : ", ") : "", isOnly ? "the " : "", link];
     }), after);
   }) };
@@ -244,7 +239,7 @@ async function historyOf(data, iri) {
   const events = distinct(log.filter(({ sequence }) => data.past === null || sequence <= data.past)).reverse();
   return [folded("ul", events, MAX_EVENTS, ({ time, by, cause, told, more }) => {
     const words = plain(sentenceOf(told)) + (by ? ` (${by})` : "") + (more ? `, after ${more} such ${more === 1 ? "change" : "changes"}` : "");
-    return Object.assign(element("li", "", element("small", clock(time)), words), { title: cause });
+    return element("li", "", { title: cause }, element("small", clock(time)), words);
   })];
 }
 

@@ -34,7 +34,7 @@ export function clock(time, parts = { hour: "numeric", minute: "2-digit", second
 /** A time, and how long ago it was: "14:03:10, 2 hours ago". */
 export function ago(time) {
   const past = (Date.now() - Date.parse(time)) / 1000, [unit, length] = UNITS.find((one) => past >= one[1]) ?? UNITS.at(-1);
-  return `${clock(time)}${past > 0 ? `, ${new Intl.RelativeTimeFormat("en").format(-Math.floor(past / length), unit)}` : ""}`;
+  return `${clock(time)}${past > 0 ? `, ${new Intl.RelativeTimeFormat("en").format(-Math.round(past / length), unit)}` : ""}`;
 }
 
 export class TimeAxis {
