@@ -66,7 +66,7 @@ export class AnswerPanel {
     this._draw();
   }
 
-  /** Draw the way, and rings around what the answer is about; not in the past, since it is made for the present. */
+  /** Draw the way, and rings around what the answer is about; not in the past. */
   _draw() {
     const answer = this._data.past === null ? this._answer : null;
     this._view.plan = this._isWay ? answer : null;

@@ -15,7 +15,7 @@ const KEYS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class MapCamera {
-  /** `moved()` is called after each movement, `clicked(u, v)` for a click or the space bar, `fit()` for the key 0. */
+  /** `moved()` is called after movements, `clicked(u, v)` for clicks and the space bar, `fit()` for the key 0. */
   constructor(canvas, { moved, clicked, fit }) {
     this.isFlat = true;
     this.width = this.height = 1; // [px]
@@ -108,7 +108,7 @@ export class MapCamera {
   }
 
   /** @type {(bounds: number[][], point: number[], scale: number) => any}
-   * The point [x, y] nearest to one that may be in the middle of a flat map, so that it shows no more outside of two corners than it must. */
+   * The point nearest to one by which a flat map shows no more outside of two corners than it must. */
   within([low, high], point, scale) {
     return point.map((value, k) => {
       const half = (k ? this.height : this.width) / 2 / scale, margin = (k ? MARGIN : this._aside) / scale;
@@ -117,7 +117,7 @@ export class MapCamera {
     });
   }
 
-  /** Show all of a map between two corners [m], from the floor to `high` [m] above it; in three dimensions its points, or these corners. */
+  /** Show a map between two corners [m], to `high` [m] above the floor; in three dimensions its points, if any. */
   fit(bounds, ground, high, points = []) {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
     const wide = (this.width - 2 * this._aside) / (xmax - xmin + 0.4), tall = (this.height - 2 * MARGIN) / (ymax - ymin + 0.4);

@@ -26,7 +26,7 @@ export function colourOf(label, dark) {
 
 export const shortened = (name, most) => ([...name].length > most ? `${[...name].slice(0, most - 1).join("")}…` : name);
 
-/** Text with an outline in the colour of the background; a picture of it is kept, since outlines of letters cost much. */
+/** Text with an outline in the colour of the background; its picture is kept, since outlines cost much. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
   const ratio = c.getTransform().a, key = [text, c.font, colour, view.panel, ratio].join("|");
   if (!sprites.has(key)) {
@@ -89,12 +89,6 @@ export function footprintOf({ x, y, dx, dy, yaw = 0 }) {
     [x + (a * dx * cos - b * dy * sin) / 2, y + (a * dx * sin + b * dy * cos) / 2]);
 }
 
-/** The area [m²] of an outer ring of corners [m] without its holes, the other rings. */
-export function areaOf(rings) {
-  const [outer, ...holes] = rings.map((ring) => Math.abs(ring.reduce((sum, [x, y], n) => sum + x * ring.at(n - 1)[1] - y * ring.at(n - 1)[0], 0)) / 2);
-  return holes.reduce((area, hole) => area - hole, outer);
-}
-
 /** Whether a point lies within rings, by the even-odd rule. */
 export function inside(x, y, rings) {
   let within = false;
@@ -118,7 +112,7 @@ export function clustersOf(view) {
   return clusters;
 }
 
-/** The objects of each square [m] of the floor. Squares lie still, so that moving the map changes no group. */
+/** The objects of each square [m] of the floor; squares lie still while the map moves. */
 function groupsOf(drawn, side) {
   const groups = new Map();
   for (const one of drawn) {

@@ -20,17 +20,17 @@ const NEAR = 0.5; // of the way to where the camera looks: what is nearer fades
 const WINDOW = 0.16; // radius of the window to the selected thing, as the tangent of an angle
 const TURN = 510 / 254 * Math.PI; // [rad] of where a voxel faces, for each unit of the fourth part of its colour
 const TOWARDS = 0.25; // cosine of the angle between the outside of a wall and the camera, from which on the wall fades
-/** The part of a shader that leaves out what hides the selected thing, what is close before the camera, and outer walls between it and the room. */
+/** The part of a shader that leaves out what hides the selected thing, what is close, and outer walls before the room. */
 const FADE = `float turn = color.a * ${TURN};
   bool outer = color.a < 0.998 && dot(vec2(cos(turn), sin(turn)), normalize(cameraPosition - position).xy) > ${TOWARDS};
   float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
   bool hides = spot.z < 0.0 && ahead < -spot.z - reach && distance(mvPosition.xy / ahead, spot.xy / -spot.z) < ${WINDOW} * (0.8 + 0.4 * dither);
   bool faded = position.z > low && (hides || outer || ahead < near * (0.8 + 0.2 * dither));`;
-/** The part of a shader that draws the distance from the camera, by the nearest one that is drawn, in place of a colour. */
+/** The part of a shader that draws how near the camera a point is, in place of its colour. */
 const DISTANCE = `if (asked) {
     vec3 parts = fract(gl_FragCoord.w * ${NEAREST} * vec3(1.0, 255.0, 65025.0));
     gl_FragColor.rgb = parts - vec3(parts.yz / 255.0, 0.0);
-  }`, RGBA = 6408, BYTES = 5121; // of WebGL: formats of a pixel that is read
+  }`;
 const CUBE = new THREE.BoxGeometry(1, 1, 1), SQUARE = new THREE.PlaneGeometry(1, 1);
 const [CUBE_EDGES, SQUARE_EDGES] = [CUBE, SQUARE].map((shape) => new THREE.EdgesGeometry(shape).getAttribute("position"));
 const FACES = { flat: 0.1, seen: 0.15, solid: 0.35 }; // opacity of the faces of boxes: from above, where a surface is seen, without
@@ -103,16 +103,14 @@ export class MapScene {
     low.value = data.ground() + LOW;
   }
 
-  /** The point of the surface that is drawn at a pixel, where a ray goes through; null without one. The shader says how far it is. */
+  /** The point of the surface that is drawn at a pixel, on its ray; null without one. */
   _seenAt(u, v, { origin, direction }) {
     const { renderer, camera: { camera, height } } = this._view, { asked } = this._fade, [x, y] = [u, height - v].map(Math.floor), found = new Uint8Array(4);
     if (!this._points || !renderer) return null;
+    const gl = renderer.getContext();
     asked.value = true;
-    renderer.setScissorTest(true);
-    renderer.setScissor(x, y, 1, 1);
     renderer.render(this._points, camera);
-    renderer.getContext().readPixels(...[x, y].map((one) => one * renderer.getPixelRatio()), 1, 1, RGBA, BYTES, found);
-    renderer.setScissorTest(false);
+    gl.readPixels(...[x, y].map((one) => one * renderer.getPixelRatio()), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, found);
     asked.value = false;
     const near = (found[0] + found[1] / 255 + found[2] / 65025) / 255, axis = camera.getWorldDirection(new THREE.Vector3());
     this._view.draw();
@@ -161,7 +159,7 @@ export class MapScene {
     } else group.add(this._points = this._voxels(surface, colours, surface.facing ??= facingOf(surface, data.ground())));
   }
 
-  /** Voxels as squares that face the camera, in such an order that any first part of them shows all the room; the fourth part of a colour is where it faces. */
+  /** Voxels as squares, any first part of which shows all the room; the fourth part of a colour is where it faces. */
   _voxels({ points, size }, colours, facing) {
     const count = points.length / 3, places = new Float32Array(points.length), tones = new Uint32Array(count), [left, low] = this._view.camera.origin;
     const given = new Uint32Array(colours.buffer), stride = STRIDE % count || 1;

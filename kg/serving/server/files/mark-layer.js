@@ -238,7 +238,7 @@ export class MarkLayer {
     this._taken.take(spot[0] - 11, spot[1] - 11, 22, 22, true);
   }
 
-  /** Rings around the selected object: a small one, and one that holds its position with a probability of 95 %. */
+  /** Rings around the selected object: a small one, and one that holds its position with 95 %. */
   _drawSelection() {
     const view = this._view, one = view.data.thingAt(view.selected), spot = one && this._at([one.x, one.y, one.z]);
     if (!spot) return;
@@ -323,7 +323,7 @@ export class MarkLayer {
     drawText(this._c, view, text, spot[0] + x, spot[1] + y, view.ink, view.isFlat ? Math.max(one.existence, 0.75) : 1);
   }
 
-  /** The pictures of objects {one, spot} above them where there is room: of the selected one first, and of those that are near. */
+  /** The pictures of objects {one, spot} above them: of the selected one first, and of those that are near. */
   _drawPictures(found) {
     const { layers, selected, inFocus } = this._view, c = this._c;
     const near = found.filter(({ one, spot }) => (one.iri === selected ? layers.chosen : layers.pictures && !inFocus && spot[2] >= CLOSE));

@@ -110,7 +110,7 @@ function tableOf(rows) {
   return [COLUMNS, ...rows.map((row) => COLUMNS.map((name) => row[name]))].map((row) => `${row.map(cell).join(",")}\r\n`).join("");
 }
 
-/** GeoJSON in metres of the map frame, which a member says: without a place on Earth there are no degrees. */
+/** GeoJSON in metres of the map frame, which a member says. */
 function shapesOf(data, rows) {
   const feature = (geometry, properties) => ({ type: "Feature", geometry, properties });
   const points = rows.map((row) => feature({ type: "Point", coordinates: [row.x, row.y] }, row));

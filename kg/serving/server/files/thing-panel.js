@@ -1,8 +1,7 @@
-// What there is to say of one thing, beside the map and on its own page: facts, relations, explanation, history, picture.
-import { areaOf } from "/files/map-drawing.js";
+// What there is to say of one thing, beside the map and on its own page.
 import { byId, chance, drawing, element, examplesOf, folded, linkButton, linkTo, named, percent, sureness } from "/files/page-elements.js";
 import { read, request, select } from "/files/server.js";
-import { ago, clock } from "/files/time-axis.js";
+import { clock, dayAndTime } from "/files/time-axis.js";
 
 const TURNED = { on: "with … on it", inside: "with … in it" };
 const ASIDES = new Set(["model", "pose", "commit", "change", "person", "rule"]); // reasons in small print
@@ -36,7 +35,7 @@ export class ThingPanel {
     if (one || place || byId("thing")) this._ask(iri);
   }
 
-  /** Whether the thing has changed since its description; false right after one, and while somebody reads a source. */
+  /** Whether the thing has changed since its description. */
   get isBehind() {
     return JSON.stringify(this._thing()) !== this._described;
   }
@@ -78,11 +77,11 @@ export class ThingPanel {
     return [
       element("h2", "", named(this._data, one)), element("div"), // for the picture
       this._facts(one, [
-        ["what", element("span", this._data.labelOf(one.class), { id: "about-what" }), "a"],
+        ["what", this._data.labelOf(one.class), "a"],
         ["where", where, "here:inPlace"],
         ["is it there?", sureness(one.existence), "here:existence"],
         ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high` : "", "here:extentX"],
-        ["last seen", one.seen ? element("span", ago(one.seen), element("small", one.count ? `${one.count} ${one.count === 1 ? "time" : "times"} in all` : "")) : "", "here:lastSeen"],
+        ["last seen", one.seen ? element("span", dayAndTime(one.seen), element("small", one.count ? `${one.count} ${one.count === 1 ? "time" : "times"} in all` : "")) : "", "here:lastSeen"],
         ["position", element("span", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m`, element("small", one.deviation ? `± ${one.deviation.toFixed(2)} m` : "")), "here:x"],
       ]),
       ...this._end(one),
@@ -96,9 +95,8 @@ export class ThingPanel {
       element("h2", nameOf(place)), element("div"),
       this._facts(place, [
         ["name", place.label !== place.title ? place.label : "", "rdfs:label"],
-        ["size", `${areaOf(place.rings).toFixed(1)} m²`, "here:xMin"],
         ["viewed", place.share !== undefined ? `${percent(place.share)} of its floor` : "", "here:viewedShare"],
-        ["last viewed", place.viewed ? ago(place.viewed) : "", "here:lastViewed"],
+        ["last viewed", place.viewed ? dayAndTime(place.viewed) : "", "here:lastViewed"],
       ]),
       ...beliefs.length ? [element("h3", "What kind of place"), element("ul", "", ...beliefs)] : [],
       element("h3", here.length ? "In it" : "Nothing is known to be in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
@@ -129,12 +127,9 @@ export class ThingPanel {
     const data = this._data, at = (id) => byId(`about-${id}`)?.lastElementChild;
     fill(at("why"), whyOf(data, data.pathOf(iri)));
     fill(at("history"), historyOf(data, iri));
-    const [what, where] = [byId("about-what"), byId("about-where")], picture = byId("picture") ?? byId("about").querySelector("h2 + div");
+    const where = byId("about-where"), picture = byId("picture") ?? byId("about").querySelector("h2 + div");
     pictureOf(data, iri).then((found) => found && picture.replaceChildren(found), () => {});
-    if (where) relationsOf(data, iri, this._choose).then(({ kinds, phrases }) => {
-      if (kinds.length) what.append(element("small", `or ${kinds.join(", ")}`));
-      where.append(...phrases.flatMap((one, n) => [n || where.textContent ? ", " : "", one]));
-    }, () => {});
+    if (where) relationsOf(data, iri, this._choose).then((phrases) => where.append(...phrases.flatMap((one) => [", ", one])), () => {});
   }
 }
 
@@ -148,27 +143,25 @@ function slot(id, title) {
   return element("details", "", { id: `about-${id}`, open }, element("summary", title), element("div", "…"));
 }
 
-/** What else it may be, and what it is on, in or beside, and what is on or in it: phrases with links, the surest first. */
+/** What it is on, in or beside, and what is on or in it: phrases with links, the surest first. */
 async function relationsOf(data, iri, choose) {
   const rows = await select(`SELECT ?kind ?other ?chance ?turned WHERE { GRAPH graph:map {
       { <${iri}> here:hasRelation ?r . ?r here:relatedTo ?other . BIND(false AS ?turned) }
       UNION { ?other here:hasRelation ?r . ?r here:relatedTo <${iri}> . BIND(true AS ?turned) }
-      UNION { <${iri}> here:hasLabelBelief ?r . ?r here:ofCategory ?other ; here:labelProbability ?chance }
-      OPTIONAL { ?r here:ofRelation ?kind ; here:relationProbability ?chance } } } ORDER BY DESC(?chance) ?other LIMIT 12`, data.past);
-  const kinds = rows.filter(({ kind }) => !kind).map(({ other, chance: share }) => `${data.labelOf(other)} (${percent(Number(share))})`);
+      ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) ?other LIMIT 12`, data.past);
   const found = new Map(); // words before and after -> IRI -> chance
-  for (const { kind = "", other, chance: share, turned } of rows) {
-    const relation = kind.replace(/.*#/, ""), words = (turned === "true" && TURNED[relation]) || `${relation} …`, others = found.get(words) ?? new Map();
-    if (kind && data.objects.has(other) && !others.has(other)) found.set(words, others.set(other, share));
+  for (const { kind: relation, other, chance: share, turned } of rows) {
+    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || `${kind} …`, others = found.get(words) ?? new Map();
+    if (data.objects.has(other) && !others.has(other)) found.set(words, others.set(other, share));
   }
-  return { kinds, phrases: [...found].map(([words, others]) => {
+  return [...found].map(([words, others]) => {
     const [before, after] = words.split("…"), names = [...others.keys()].map((other) => data.partsOf(data.objects.get(other))[0]);
     return element("span", before, ...[...others].flatMap(([other, share], n) => {
       const one = data.objects.get(other), isOnly = names.filter((name) => name === names[n]).length === 1; // of its name; others have their numbers
       const link = linkButton(() => choose(other), isOnly ? named(data, one) : data.nameOf(one), { title: `${percent(Number(share))} sure` });
       return [n ? (n === names.length - 1 ? " and " : ", ") : "", isOnly ? "the " : "", link];
     }), after);
-  }) };
+  });
 }
 
 /** The explanation as steps, of a thing or of one of its facts; only of the present. */
@@ -208,7 +201,7 @@ function boxed(picture) {
 /** A line of an explanation in the words of the page: clock times, percentages. */
 function plain(text) {
   return text.replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure").replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, ${percent(score)} sure`)
-    .replace(/, existence ([\d.]+)$|share in the open ([\d.]+)/g, (_, sure, open) => (sure ? `, ${chance(Number(sure))} sure` : `${percent(Number(open))} of it in the open`)).replace(/box [\d .-]+ px, /, "")
+    .replace(/, existence ([\d.]+)$/, (_, sure) => `, ${chance(Number(sure))} sure`).replace(/: box .*/, "")
     .replace(/([\d.]+) x ([\d.]+) x ([\d.]+) m/g, (_, ...sides) => `${sides.slice(0, 3).map((side) => Math.round(100 * side)).join(" × ")} cm`)
     .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`)
     .replace(/^transaction #\d+ at (\S+Z)(?:: frame \((.*)\/(.*)\))?/, (_, time, recording, frame) => `written at ${time}${frame ? `, from ${frame} of ${recording}` : ""}`)
@@ -217,16 +210,16 @@ function plain(text) {
 
 /** The changes of one moment as a sentence. */
 function sentenceOf(told) {
-  const changes = told.filter((text, n) => !n || !text.startsWith("new: ")).map((text) => text.replace(/^new: .*/, "appeared").replace(/^(moved .*), at /, "$1 to ").replace(/^called$/, "without a name").replace(/^(stopped|found|given up)$/, "ended: $&"));
-  return `It ${changes.join(", ").replace(/^(an?|in|on|inside|at|called|no longer|without) /, "is $&").replace(/^there /, "is there, $&").replace(/^removed/, "was $&").replace(/^appeared, (?=in|at|on)/, "appeared ")}`;
+  const changes = told.filter((text, n) => !n || !text.startsWith("new: ")).map((text) => text.replace(/^new: .*/, "appeared").replace(/^(moved .*), at /, "$1 to ").replace(/^(stopped|found|given up)$/, "ended: $&"));
+  return `It ${changes.join(", ").replace(/^(an?|in|on|inside|at|called|no longer) /, "is $&").replace(/^there /, "is there, $&").replace(/^removed/, "was $&").replace(/^appeared, (?=in|at|on)/, "appeared ")}`;
 }
 
-/** Events in one line each, where the mapper changed its mind about the same again: the last of them, and `more` before it. */
+/** Events, where nobody changed the same again the last of them, with the number of those before. */
 function distinct(events) {
   const kept = [], kindOf = ({ by, told }) => by || told.map((text) => text.replace(/^an? .*/, "a").replace(/ .*/, "")).join();
-  for (const { by: author, ...event } of events) {
-    const by = author?.startsWith("search/") ? "" : author; // a search is no person
-    const told = by || event.told.length < 2 ? event.told : event.told.filter((text) => !text.startsWith("called ")), now = { ...event, by, told, more: 0 }, last = kept.at(-1);
+  for (const event of events) {
+    const by = event.by?.replace(/^search.*/, ""), isAlone = by || event.told.length < 2; // a search is no person
+    const now = { ...event, by, told: event.told.filter((text) => isAlone || !text.startsWith("called ")), more: 0 }, last = kept.at(-1);
     if (last && !by && kindOf(last) === kindOf(now)) Object.assign(now, { more: kept.pop().more + 1 });
     kept.push(now);
   }

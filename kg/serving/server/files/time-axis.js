@@ -1,5 +1,4 @@
-// The clock axis, the times of the map without quiet times, with marks where things changed: it selects what is shown. And what
-// changed from one moment to the shown one: a list, and signs on the map.
+// The clock axis, the times of the map without quiet ones: it selects what is shown. And what changed from one moment to the shown one.
 import { byId, element, folded, linkButton, named, status } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 
@@ -12,8 +11,6 @@ const SPAN = 1000; // [ms] of a span with a single moment
 
 /** [ms] from one label of the axis to the next: the least of them that has room is taken. */
 const TICKS = [1, 5, 15, 60, 300, 900, 3600, 10800, 21600, 86400, 604800, 2592000].map((seconds) => 1000 * seconds);
-/** @type {[Intl.RelativeTimeFormatUnit, number][]} Units of time [s]. */
-const UNITS = [["year", 31557600], ["month", 2629800], ["day", 86400], ["hour", 3600], ["minute", 60], ["second", 1]];
 const ROOM = 84, LETTER = 6.2; // [px] from one label to the next, and of a letter
 const NEAR = 5; // [px] from the pointer to the mark that is told
 const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names", reshaped: "Other shape" };
@@ -31,11 +28,8 @@ export function clock(time, parts = { hour: "numeric", minute: "2-digit", second
   return new Intl.DateTimeFormat("en", { ...day, ...parts, hourCycle: "h23" }).format(date);
 }
 
-/** A time, and how long ago it was: "14:03:10, 2 hours ago". */
-export function ago(time) {
-  const past = (Date.now() - Date.parse(time)) / 1000, [unit, length] = UNITS.find((one) => past >= one[1]) ?? UNITS.at(-1);
-  return `${clock(time)}${past > 0 ? `, ${new Intl.RelativeTimeFormat("en").format(-Math.round(past / length), unit)}` : ""}`;
-}
+/** A time with its day, which may be today. */
+export const dayAndTime = (time) => clock(time).replace(/^\d\d:/, "today, $&");
 
 export class TimeAxis {
   /** `shown()` is called after another moment is shown. */

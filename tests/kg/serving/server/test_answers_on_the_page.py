@@ -180,8 +180,6 @@ def test_many_reasons_and_things_of_one_name_are_told_apart(
     page = open_page("object/10", own)
     says(page, "#about-where", "with cup 11, cup 12, cup 13")
     says(page, "#about-where", "and cup 19 on it")
-    room = open_page("place/1", own)
-    says(room, "#about", "size20.0 m²")
     for n in range(20):  # changes of what it is, by nobody
         own.put(30, ("cup", "chair")[n % 2], 1.0 + n, 0.5)
     page = open_page("object/30", own)
