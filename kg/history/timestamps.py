@@ -171,7 +171,7 @@ def thing(text: str, base: str) -> NamedNode:
     if colon and prefix in v.PREFIXES:
         text = v.PREFIXES[prefix] + rest
     elif not colon and re.fullmatch(
-        r"(object|place|observation|recording|search|floor)/\S+|robot", text
+        r"(object|place|door|observation|recording|search|floor)/\S+|robot", text
     ):
         text = base + text
     try:

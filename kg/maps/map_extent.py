@@ -128,7 +128,8 @@ def check_positions(
         return ""
     farthest = [number for number in farthest if not math.isnan(number)]
     shown = f"({', '.join(f'{number:g}' for number in farthest)})"
-    problem = f"the {what} {shown} is {distance:,.0f} m from all that the map knows ({extent})"
+    far = f"{distance:,.0f}" if distance < 1e9 else f"{distance:g}"
+    problem = f"the {what} {shown} is {far} m from all that the map knows ({extent})"
     if distance > extent.limit:
         metres = ", ".join(f"{number / 1000:g}" for number in farthest)
         raise error(

@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.history.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
 from kg.history.reports.explanation import Explanation
-from kg.history.reports.report_names import Names
+from kg.history.reports.report_names import Names, a
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, quads_of
 from kg.history.timestamps import iso, moment, short, spoken, word
@@ -37,6 +37,7 @@ _STATED: Final = {
     v.INSIDE: "inside",
     v.RDFS_LABEL: "called",
     v.SEARCH_STATE: "",
+    v.BOT_INTERFACE_OF: "leading to",
 }
 
 
@@ -137,7 +138,7 @@ class _Summary:
         for kind in added.get(v.RDF_TYPE, ()):
             if kind != NamedNode(v.BOT_SPACE):  # each place is one
                 kind_name = self._names(kind)
-                yield f"a {kind_name} now" if known else f"new: {kind_name}"
+                yield f"{a(kind_name)} now" if known else f"new: {kind_name}"
 
     def _numbers_told(self) -> Iterator[str]:
         x, y, existence = (self._numbers.get(name, math.nan) for name in (v.X, v.Y, v.EXISTENCE))

@@ -150,7 +150,9 @@ def rule_of(predicate: str, kinds: set[str], in_surface: bool = False) -> str | 
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
         return "the middle of the place, or the nearest point in it"
-    without_rule = {v.SOSA_OBSERVATION, v.PLACE_BELIEF, v.LABEL_BELIEF}
+    if v.DOOR in kinds:
+        return _FLOOR
+    without_rule = {v.SOSA_OBSERVATION, v.PLACE_BELIEF, v.LABEL_BELIEF, v.SEARCH, v.LOOK}
     if predicate == v.RDF_TYPE.value and kinds & without_rule:
         return None
     return RULES.get(predicate)

@@ -27,6 +27,11 @@ _VERBS: Final = {
 }
 
 
+def a(noun: str) -> str:
+    """A noun with its article: ``a cup``, ``an office``."""
+    return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"
+
+
 class Names:
     """Names of the things of the map in `engine`, whose base IRI is `base`, as answers have them.
 
@@ -59,10 +64,9 @@ class Names:
             # "the kitchen is a kitchen" says nothing: a place has its label here
             is_place = getattr(subject, "value", "") in self._titles
             label = self._labels(subject, v.MAP_GRAPH) if is_place else ""
-            article = "an" if known[:1].lower() in tuple("aeiou") else "a"
             if known == name != "robot":  # a category that a person named
                 return f"{name} has a name of its own"
-            return f"{label or name} is {article} {known}" if known else f"the kind of {name}"
+            return f"{label or name} is {a(known)}" if known else f"the kind of {name}"
         verb = _VERBS.get(getattr(predicate, "value", ""), "")
         return f"{name} {verb} {known}" if verb and known else f"{name}: {word(predicate)} {known}"
 

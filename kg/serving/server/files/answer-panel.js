@@ -1,5 +1,5 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, chance, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { byId, chance, element, examplesOf, folded, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
 import { clock } from "/files/time-axis.js";
@@ -66,7 +66,7 @@ export class AnswerPanel {
     this._draw();
   }
 
-  /** Draw the way, and rings around what the answer is about; not in the past, since it is made for the present. */
+  /** Draw the way, and rings around what the answer is about; not in the past. */
   _draw() {
     const answer = this._data.past === null ? this._answer : null;
     this._view.plan = this._isWay ? answer : null;
@@ -115,27 +115,22 @@ export class AnswerPanel {
   _things({ about, known }) {
     const told = new Set(about.filter(({ name }) => name).map(({ iri }) => iri)), [room, ...others] = [...told].filter((iri) => this._data.places.has(iri));
     const iris = [...new Set([...known, ...about].map(({ iri }) => iri))].filter((iri) => !told.has(iri) && this._data.has(iri));
-    const more = iris.length > MAX_THINGS ? [element("li", `and ${iris.length - MAX_THINGS} more`)] : [];
-    return element("ul", "", ...iris.slice(0, MAX_THINGS).map((iri) => this._entry(iri, others.length ? "" : room)), ...more);
+    return folded("ul", iris, MAX_THINGS, (iri) => this._entry(iri, others.length ? "" : room));
   }
 
   /** A thing with its place, unless that is the only one that the sentences tell. */
   _entry(iri, room) {
-    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${chance(one.existence)} sure` : this._data.whereabouts(one)}` : "");
-    told.className = "dim";
-    return element("li", "", this._link(iri, ""), told);
+    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = one ? ` ${isKnown ? `${chance(one.existence)} sure` : this._data.whereabouts(one)}` : "";
+    return element("li", "", this._link(iri, ""), element("span", told, { className: "dim" }));
   }
 
   _looks(plan) {
     const rest = plan.steps.length - plan.worthwhile, looks = element("details", "", element("summary", "Where to look"),
       element("p", `It is on this floor with ${percent(plan.present)}; these looks find it with ${percent(plan.probability)}.`),
       element("ol", "", ...this._steps(plan)),
-      ...rest ? [element("p", `${rest} more ${rest === 1 ? "look gains" : "looks gain"} little for ${rest === 1 ? "its" : "their"} time`)] : []);
-    looks.open = this._isWay;
-    looks.addEventListener("toggle", () => { this._isWay = looks.open; this._draw(); });
-    const way = button("Show the way", () => { looks.open = !looks.open; });
-    way.className = "primary";
-    return [element("p", "", way), looks];
+      ...rest ? [element("p", `${rest} more ${rest === 1 ? "look gains" : "looks gain"} little for ${rest === 1 ? "its" : "their"} time`)] : [],
+      { open: this._isWay, ontoggle: () => { this._isWay = looks.open; this._draw(); } });
+    return [element("p", "", element("button", "Show the way", { type: "button", className: "primary", onclick: () => { looks.open = !looks.open; } })), looks];
   }
 
   _steps(plan) {

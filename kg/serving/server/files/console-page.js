@@ -131,9 +131,7 @@ async function showOnMap() {
 
 function offerDownloads(text, formats) {
   byId("downloads").replaceChildren(...Object.entries(formats).map(([name, [type, ending]]) => {
-    const made = button(name, () => download(text, type, ending));
-    made.ariaLabel = `download as ${name}`;
-    return made;
+    return element("button", name, { type: "button", onclick: () => download(text, type, ending), ariaLabel: `download as ${name}` });
   }));
 }
 

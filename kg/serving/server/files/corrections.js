@@ -1,4 +1,4 @@
-// Corrections on the page by the holder of a token: assertions about things, edits of rooms, and the clicks on the map that they ask for.
+// Corrections by the holder of a token: assertions about things, edits of rooms, and clicks on the map for them.
 import { inside } from "/files/map-drawing.js";
 import { button, byId, element, option, reveal, status } from "/files/page-elements.js";
 import { hasToken, read, useToken } from "/files/server.js";
@@ -206,8 +206,4 @@ export class Corrections {
 }
 
 /** A field with a name for screen readers. */
-function field(name, given) {
-  const made = Object.assign(element("input"), given);
-  made.setAttribute("aria-label", name);
-  return made;
-}
+const field = (ariaLabel, given) => element("input", "", { ariaLabel, ...given });

@@ -5,6 +5,7 @@ const FIELD = 45 * Math.PI / 180; // [rad] of view, from top to bottom, in three
 const DEPTH = 500; // [m] above and below the target that the flat camera sees
 const MIN_SCALE = 0.5, MAX_SCALE = 800; // [px/m]
 const MIN_DISTANCE = 0.3, MAX_DISTANCE = 5000; // [m] from the camera to its target
+export const NEAREST = 0.05; // [m] from the camera in three dimensions to what it sees
 const SOUTH = { azimuth: 0, polar: 0.67 }; // [rad] first direction of the camera in three dimensions
 const STILL = 6; // [px] that a pointer may move during a click
 const MARGIN = 30; // [px] above and below all of the map
@@ -14,14 +15,14 @@ const KEYS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class MapCamera {
-  /** `moved()` is called after each movement, `clicked(u, v)` for a click or the space bar, `fit()` for the key 0. */
+  /** `moved()` is called after movements, `clicked(u, v)` for clicks and the space bar, `fit()` for the key 0. */
   constructor(canvas, { moved, clicked, fit }) {
     this.isFlat = true;
     this.width = this.height = 1; // [px]
     this.isHeld = false; // whether somebody drags it
     this.origin = [0, 0]; // [m] of the scene, since graphics hardware has 24 bits for a number
     this._moved = moved;
-    const flat = new THREE.OrthographicCamera(), solid = new THREE.PerspectiveCamera(45, 1, 0.05, 2 * MAX_DISTANCE);
+    const flat = new THREE.OrthographicCamera(), solid = new THREE.PerspectiveCamera(45, 1, NEAREST, 2 * MAX_DISTANCE);
     solid.up.set(0, 0, 1);
     flat.zoom = 40;
     flat.far = 2 * DEPTH;
@@ -107,7 +108,7 @@ export class MapCamera {
   }
 
   /** @type {(bounds: number[][], point: number[], scale: number) => any}
-   * The point [x, y] nearest to one that may be in the middle of a flat map, so that it shows no more outside of two corners than it must. */
+   * The point nearest to one by which a flat map shows no more outside of two corners than it must. */
   within([low, high], point, scale) {
     return point.map((value, k) => {
       const half = (k ? this.height : this.width) / 2 / scale, margin = (k ? MARGIN : this._aside) / scale;
@@ -116,7 +117,7 @@ export class MapCamera {
     });
   }
 
-  /** Show all of a map between two corners [m], from the floor to `high` [m] above it; in three dimensions its points, or these corners. */
+  /** Show a map between two corners [m], to `high` [m] above the floor; in three dimensions its points, if any. */
   fit(bounds, ground, high, points = []) {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
     const wide = (this.width - 2 * this._aside) / (xmax - xmin + 0.4), tall = (this.height - 2 * MARGIN) / (ymax - ymin + 0.4);

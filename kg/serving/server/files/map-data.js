@@ -73,7 +73,7 @@ export class MapData extends EventTarget {
 
   /** Read the state at `at` (ISO 8601 or the number of a transaction), or the present state.
    *
-   * Returns whether it is shown; false if another state was requested meanwhile. The state before stays until then. */
+   * Returns whether it is shown; false if another state was requested meanwhile. */
   async load(at = null) {
     this._loading.abort();
     const { signal } = this._loading = new AbortController();

@@ -26,7 +26,7 @@ export function colourOf(label, dark) {
 
 export const shortened = (name, most) => ([...name].length > most ? `${[...name].slice(0, most - 1).join("")}…` : name);
 
-/** Text with an outline in the colour of the background; a picture of it is kept, since outlines of letters cost much. */
+/** Text with an outline in the colour of the background; its picture is kept, since outlines cost much. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
   const ratio = c.getTransform().a, key = [text, c.font, colour, view.panel, ratio].join("|");
   if (!sprites.has(key)) {
@@ -112,7 +112,7 @@ export function clustersOf(view) {
   return clusters;
 }
 
-/** The objects of each square [m] of the floor. Squares lie still, so that moving the map changes no group. */
+/** The objects of each square [m] of the floor; squares lie still while the map moves. */
 function groupsOf(drawn, side) {
   const groups = new Map();
   for (const one of drawn) {

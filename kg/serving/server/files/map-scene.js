@@ -1,4 +1,5 @@
 // The scene of the map: surface, floor, walls, places, and the objects as boxes and dots. Metres, z up.
+import { NEAREST } from "/files/map-camera.js";
 import { drawing } from "/files/page-elements.js";
 import { facingOf, floorSheets, SurfaceReader, surfaceSheet } from "/files/surface.js";
 import * as THREE from "/files/vendor/three.min.js";
@@ -19,12 +20,17 @@ const NEAR = 0.5; // of the way to where the camera looks: what is nearer fades
 const WINDOW = 0.16; // radius of the window to the selected thing, as the tangent of an angle
 const TURN = 510 / 254 * Math.PI; // [rad] of where a voxel faces, for each unit of the fourth part of its colour
 const TOWARDS = 0.25; // cosine of the angle between the outside of a wall and the camera, from which on the wall fades
-/** The part of a shader that leaves out what hides the selected thing, what is close before the camera, and outer walls between it and the room. */
+/** The part of a shader that leaves out what hides the selected thing, what is close, and outer walls before the room. */
 const FADE = `float turn = color.a * ${TURN};
   bool outer = color.a < 0.998 && dot(vec2(cos(turn), sin(turn)), normalize(cameraPosition - position).xy) > ${TOWARDS};
   float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
   bool hides = spot.z < 0.0 && ahead < -spot.z - reach && distance(mvPosition.xy / ahead, spot.xy / -spot.z) < ${WINDOW} * (0.8 + 0.4 * dither);
   bool faded = position.z > low && (hides || outer || ahead < near * (0.8 + 0.2 * dither));`;
+/** The part of a shader that draws how near the camera a point is, in place of its colour. */
+const DISTANCE = `if (asked) {
+    vec3 parts = fract(gl_FragCoord.w * ${NEAREST} * vec3(1.0, 255.0, 65025.0));
+    gl_FragColor.rgb = parts - vec3(parts.yz / 255.0, 0.0);
+  }`;
 const CUBE = new THREE.BoxGeometry(1, 1, 1), SQUARE = new THREE.PlaneGeometry(1, 1);
 const [CUBE_EDGES, SQUARE_EDGES] = [CUBE, SQUARE].map((shape) => new THREE.EdgesGeometry(shape).getAttribute("position"));
 const FACES = { flat: 0.1, seen: 0.15, solid: 0.35 }; // opacity of the faces of boxes: from above, where a surface is seen, without
@@ -41,7 +47,7 @@ export class MapScene {
     this.surface = new SurfaceReader(view);
     this.boxes = []; // meshes; `things` of a mesh are the objects, each with so many `faces`
     this._points = this._dots = this._sized = null; // of the surface; of the objects: dots, boxes
-    this._fade = { spot: { value: new THREE.Vector3() }, reach: { value: 0 }, near: { value: 0 }, low: { value: 0 } }; // of the shader
+    this._fade = { spot: { value: new THREE.Vector3() }, reach: { value: 0 }, near: { value: 0 }, low: { value: 0 }, asked: { value: false } }; // of the shader
     this._cutter = new THREE.Plane(new THREE.Vector3(0, 0, -1), 2);
     this._parts = new Map(); // name -> group
     this._sources = new Map(); // name -> data that the group was made from
@@ -57,7 +63,7 @@ export class MapScene {
     this._part("surface", [surface, origin, focus, dark, isFlat, isFlat && cut], (group) => this._addSurface(group, surface));
     this._part("floor", [floor, layers.floor, layers.viewed, dark, surface, origin, isFlat, !surface && cut], (group) => this._addFloor(group, surface));
     this._part("places", [places, floor, dark, selected, origin, isFlat], (group) => this._addPlaces(group));
-    this._part("objects", [view.drawn, origin, focus, selected, layers.boxes, dark, isFlat, !this._points], (group) => this._addObjects(group));
+    this._part("objects", [view.drawn, origin, focus, selected, layers.boxes, dark, isFlat, !this._points], () => { this._sized = this._dots = null; });
     this.scene.background = new THREE.Color(view.panel);
   }
 
@@ -72,9 +78,19 @@ export class MapScene {
       this._fadeNear();
     }
     const isQuick = this._view.isMoving && drawn.length > MANY; // dots stand for many boxes until the map rests
-    this._sized.visible = !isQuick && (!camera.isFlat || scale >= BOXES);
-    this._dots.visible = isQuick || camera.isFlat ? !clusters : false;
+    const isSized = !isQuick && (!camera.isFlat || scale >= BOXES), isDotted = !clusters && (isQuick || camera.isFlat);
+    if (isSized) this._sized ??= this._added(this._boxesOf(drawn)); // made once they are seen
+    if (isDotted) this._dots ??= this._added(this._dotsOf(drawn));
+    if (this._sized) this._sized.visible = isSized;
+    if (!this._dots) return;
+    this._dots.visible = isDotted;
     this._dots.material.size = drawn.length > MANY ? 5 : 2 * radiusAt(scale);
+  }
+
+  /** One more part of the objects. */
+  _added(part) {
+    this._parts.get("objects").add(part);
+    return part;
   }
 
   /** Open the view to the selected thing, and past what is close. */
@@ -87,12 +103,18 @@ export class MapScene {
     low.value = data.ground() + LOW;
   }
 
-  /** Whether the shader leaves out a point {point, index} of the surface. */
-  _isFaded({ point, index }) {
-    const facing = this._points.geometry.getAttribute("color").getW(index), turn = facing * TURN, away = this._view.camera.camera.position.clone().sub(point).normalize();
-    const { spot, reach, near, low } = this._fade, { x, y, z } = point.clone().applyMatrix4(this._view.camera.camera.matrixWorldInverse), { value: there } = spot;
-    const hides = there.z < 0 && z > there.z + reach.value && Math.hypot(x / z - there.x / there.z, y / z - there.y / there.z) < WINDOW;
-    return point.z > low.value && (hides || -z < near.value || (facing < 0.998 && Math.cos(turn) * away.x + Math.sin(turn) * away.y > TOWARDS));
+  /** The point of the surface that is drawn at a pixel, on its ray; null without one. */
+  _seenAt(u, v, { origin, direction }) {
+    const { renderer, camera: { camera, height } } = this._view, { asked } = this._fade, [x, y] = [u, height - v].map(Math.floor), found = new Uint8Array(4);
+    if (!this._points || !renderer) return null;
+    const gl = renderer.getContext();
+    asked.value = true;
+    renderer.render(this._points, camera);
+    gl.readPixels(...[x, y].map((one) => one * renderer.getPixelRatio()), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, found);
+    asked.value = false;
+    const near = (found[0] + found[1] / 255 + found[2] / 65025) / 255, axis = camera.getWorldDirection(new THREE.Vector3());
+    this._view.draw();
+    return near ? direction.clone().multiplyScalar(NEAREST / near / direction.dot(axis)).add(origin) : null;
   }
 
   /** Forget what graphics memory held. */
@@ -106,14 +128,12 @@ export class MapScene {
     return new THREE.Vector3(x - left, y - low, z);
   }
 
-  /** What a ray meets first: {thing?, point [m]}; the floor below everything, null in the sky. */
-  meet(ray) {
-    ray.params.Points.threshold = 0.03;
-    const ground = this._view.data.ground(), [left, low] = this._view.camera.origin;
+  /** What is met first at a pixel: {thing?, point [m]}; the floor below everything, null in the sky. */
+  meet(u, v) {
+    const ray = this._view.camera.rayAt(u, v), ground = this._view.data.ground(), [left, low] = this._view.camera.origin;
     const [hit] = ray.intersectObjects(this._sized?.visible ? this.boxes : [], false);
-    const [seen] = this._points ? ray.intersectObject(this._points).filter((one) => one.point.z < ground + this._view.cut && !this._isFaded(one)) : [];
     const floor = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), -ground), new THREE.Vector3());
-    const spot = seen?.point ?? hit?.point ?? floor;
+    const spot = this._seenAt(u, v, ray.ray) ?? hit?.point ?? floor;
     return spot && { thing: hit?.object.things[Math.floor(hit.faceIndex / hit.object.faces)], point: [spot.x + left, spot.y + low, spot.z] };
   }
 
@@ -139,7 +159,7 @@ export class MapScene {
     } else group.add(this._points = this._voxels(surface, colours, surface.facing ??= facingOf(surface, data.ground())));
   }
 
-  /** Voxels as squares that face the camera, in such an order that any first part of them shows all the room; the fourth part of a colour is where it faces. */
+  /** Voxels as squares, any first part of which shows all the room; the fourth part of a colour is where it faces. */
   _voxels({ points, size }, colours, facing) {
     const count = points.length / 3, places = new Float32Array(points.length), tones = new Uint32Array(count), [left, low] = this._view.camera.origin;
     const given = new Uint32Array(colours.buffer), stride = STRIDE % count || 1;
@@ -157,6 +177,7 @@ export class MapScene {
       Object.assign(shader.uniforms, this._fade);
       shader.vertexShader = `uniform vec3 spot; uniform float reach, near, low;\n${shader.vertexShader}`
         .replace(/}\s*$/, `${FADE}\n  if (faded) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);\n}`);
+      shader.fragmentShader = `uniform bool asked;\n${shader.fragmentShader}`.replace(/}\s*$/, `${DISTANCE}\n}`);
     };
     return Object.assign(voxels, { step: size, count });
   }
@@ -245,9 +266,9 @@ export class MapScene {
     }
   }
 
-  /** The shown objects: boxes for both views, and dots for the flat one. */
-  _addObjects(group) {
-    const { drawn, camera: { isFlat } } = this._view, [shape, edges] = isFlat ? [SQUARE, SQUARE_EDGES] : [CUBE, CUBE_EDGES];
+  /** The boxes of the shown objects, for both views. */
+  _boxesOf(drawn) {
+    const { camera: { isFlat } } = this._view, [shape, edges] = isFlat ? [SQUARE, SQUARE_EDGES] : [CUBE, CUBE_EDGES];
     const opacity = FACES[isFlat ? "flat" : this._points ? "seen" : "solid"], boxes = [], sides = [], colours = [];
     for (const one of drawn) {
       const box = this._boxOf(one);
@@ -255,11 +276,8 @@ export class MapScene {
       boxes.push(box);
       if (drawn.length <= MANY || one.iri === this._view.selected) this._addEdges(box, edges, sides, colours);
     }
-    this._sized = new THREE.Group();
     this.boxes = [this._boxes(shape, boxes, { transparent: true, opacity, depthWrite: false, depthTest: !isFlat })];
-    this._sized.add(...this.boxes, linesOf(sides, colours, !isFlat));
-    this._dots = this._dotsOf(drawn);
-    group.add(this._sized, this._dots);
+    return new THREE.Group().add(...this.boxes, linesOf(sides, colours, !isFlat));
   }
 
   /** The box of an object; without a measured size, nothing in the flat map and a small cube in three dimensions. */

@@ -26,7 +26,7 @@ export class MapView {
     this.canvas = canvas;
     this.data = data;
     this.shown = shown;
-    this.layers = { surface: true, floor: true, viewed: false, labels: true, boxes: true, trail: true, pictures: true, things: true };
+    this.layers = { surface: true, floor: true, viewed: false, labels: true, boxes: true, trail: true, pictures: true, chosen: true, things: true };
     this.selected = null; // IRI
     this.isFocused = false; // whether everything else is faded
     this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer; positions in metres
@@ -35,6 +35,7 @@ export class MapView {
     this.measured = []; // points [m] of a measurement, at most two
     this.sketch = null; // preview of an edit: {points [m], cursor, isArea}
     this.height = null; // [m] above the floor at which walls are cut; null: by what there is
+    this._renderer = null;
     this.drawn = []; // the shown objects, the surest first
     this.clusters = null; // objects drawn together, at low zoom
     this.isMoving = false;
@@ -160,7 +161,7 @@ export class MapView {
       this.camera.look({ x: cluster.x, y: cluster.y, scale: 4 * this.scale });
       return;
     }
-    const met = this.scene.meet(this.camera.rayAt(u, v));
+    const met = this.scene.meet(u, v);
     if (!met) return; // the sky
     const near = this._nearest(u, v), one = this.isFlat ? near ?? met.thing : met.thing ?? near, [x, y] = met.point;
     const below = [...this.data.places.values()].filter((place) => inside(x, y, place.rings)).pop();
@@ -203,7 +204,7 @@ export class MapView {
     const one = this._nearest(u, v);
     this.canvas.title = one ? this.data.nameOf(one) : "";
     if (!this.sketch) return;
-    this.sketch.cursor = this.scene.meet(this.camera.rayAt(u, v))?.point.slice(0, 2) ?? null;
+    this.sketch.cursor = this.scene.meet(u, v)?.point.slice(0, 2) ?? null;
     this._render();
   }
 
@@ -221,9 +222,9 @@ export class MapView {
     return new Promise((done) => { c.canvas.toBlob(done, "image/png"); });
   }
 
-  /** Whether the scene is drawn; otherwise the marks alone. */
-  get hasGraphics() {
-    return Boolean(this._renderer) && !this._isLost;
+  /** The renderer of three.js; null where only marks are drawn. */
+  get renderer() {
+    return this._isLost ? null : this._renderer;
   }
 
   /** Begin to draw with WebGL, where the browser has it. */
@@ -285,7 +286,7 @@ export class MapView {
     if (!this.data.version) return; // nothing was read yet
     if (this._isStale) this._update();
     this.clusters = clustersOf(this);
-    if (this.hasGraphics) {
+    if (this.renderer) {
       const ratio = devicePixelRatio || 1, wanted = smooth && this.drawn.length <= MANY ? Math.max(ratio, SMOOTH) : ratio;
       if (wanted !== this._renderer.getPixelRatio()) this._renderer.setPixelRatio(wanted);
       this._adjust();

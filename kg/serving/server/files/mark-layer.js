@@ -51,7 +51,7 @@ export class MarkLayer {
     this._each(data.places.values(), (place) => this._drawOutline(place));
     this._each(data.doors, (door) => this._ring(this._at([door.x, door.y]), 3));
     if (layers.things && !inFocus && !clusters && !(isMoving && data.things.size > MANY)) this._each(data.things.values(), (one) => this._drawBox(one));
-    if (!view.hasGraphics && !clusters) this._each(view.drawn, (one) => this._dot([one.x, one.y, one.z], view.hexOfClass(one.class)));
+    if (!view.renderer && !clusters) this._each(view.drawn, (one) => this._dot([one.x, one.y, one.z], view.hexOfClass(one.class)));
     if (plan?.steps.length) this._each([plan], () => this._drawPlan(plan));
     this._each(view.highlights.iris, (iri) => this._drawHighlight(iri));
     this._each(view.highlights.points, (point) => this._ring(this._at(point), RADIUS));
@@ -138,7 +138,7 @@ export class MarkLayer {
   /** The outline of a place: of the selected one, and of all where nothing else draws them. */
   _drawOutline(place) {
     const view = this._view, isChosen = place.iri === view.selected;
-    if (!isChosen && view.hasGraphics) return;
+    if (!isChosen && view.renderer) return;
     for (const ring of place.rings) this._polygon(ring, { colour: isChosen ? view.accent : view.faint, width: isChosen ? 3 : 1.2 });
   }
 
@@ -238,7 +238,7 @@ export class MarkLayer {
     this._taken.take(spot[0] - 11, spot[1] - 11, 22, 22, true);
   }
 
-  /** Rings around the selected object: a small one, and one that holds its position with a probability of 95 %. */
+  /** Rings around the selected object: a small one, and one that holds its position with 95 %. */
   _drawSelection() {
     const view = this._view, one = view.data.thingAt(view.selected), spot = one && this._at([one.x, one.y, one.z]);
     if (!spot) return;
@@ -323,10 +323,10 @@ export class MarkLayer {
     drawText(this._c, view, text, spot[0] + x, spot[1] + y, view.ink, view.isFlat ? Math.max(one.existence, 0.75) : 1);
   }
 
-  /** The pictures of objects {one, spot} above them where there is room: of the selected one first, and of those that are near. */
+  /** The pictures of objects {one, spot} above them: of the selected one first, and of those that are near. */
   _drawPictures(found) {
     const { layers, selected, inFocus } = this._view, c = this._c;
-    const near = found.filter(({ one, spot }) => one.iri === selected || (layers.pictures && !inFocus && spot[2] >= CLOSE));
+    const near = found.filter(({ one, spot }) => (one.iri === selected ? layers.chosen : layers.pictures && !inFocus && spot[2] >= CLOSE));
     let shown = 0;
     for (const { one, spot: [u, v, scale] } of near) {
       if (shown >= MAX_PICTURES.shown) break;

@@ -56,17 +56,14 @@ export class ObjectList {
     const counts = new Map();
     for (const one of objects) counts.set(one.class, (counts.get(one.class) || 0) + 1);
     return [...counts].sort((a, b) => b[1] - a[1]).slice(0, MAX_CATEGORIES).map(([category, count]) => {
-      const label = this._data.labelOf(category), swatch = element("i");
-      swatch.style.background = colourOf(label, dark);
-      const made = button("", () => { byId("filter").value = label; this._read(); });
-      made.append(swatch, ` ${label} `, element("b", String(count)));
-      return element("li", "", made);
+      const label = this._data.labelOf(category), onclick = () => { byId("filter").value = label; this._read(); };
+      const swatch = element("i", "", { style: `background: ${colourOf(label, dark)}` });
+      return element("li", "", element("button", "", { type: "button", onclick }, swatch, ` ${label} `, element("b", String(count))));
     });
   }
 
   _entry(one, selected) {
-    const made = linkButton(() => this._choose(one.iri), named(this._data, one));
-    made.setAttribute("aria-current", String(one.iri === selected));
+    const made = linkButton(() => this._choose(one.iri), named(this._data, one), { ariaCurrent: String(one.iri === selected) });
     return element("li", "", made, element("span", ` ${this._data.whereabouts(one)}`));
   }
 
@@ -113,7 +110,7 @@ function tableOf(rows) {
   return [COLUMNS, ...rows.map((row) => COLUMNS.map((name) => row[name]))].map((row) => `${row.map(cell).join(",")}\r\n`).join("");
 }
 
-/** GeoJSON in metres of the map frame, which a member says: without a place on Earth there are no degrees. */
+/** GeoJSON in metres of the map frame, which a member says. */
 function shapesOf(data, rows) {
   const feature = (geometry, properties) => ({ type: "Feature", geometry, properties });
   const points = rows.map((row) => feature({ type: "Point", coordinates: [row.x, row.y] }, row));

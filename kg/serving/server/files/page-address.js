@@ -1,6 +1,6 @@
 // The address of the page holds all that is shown: a reload or a shared link brings it back.
 //
-// After # comes the path of the selected thing, then after ? the rest: view, layers, filters, time, comparison, search.
+// After # comes the path of the selected thing, after ? the rest.
 import { all, byId } from "/files/page-elements.js";
 
 const FILTERS = ["filter", "in-place", "least", "age"]; // ids of fields

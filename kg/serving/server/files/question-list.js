@@ -1,5 +1,5 @@
 // The shipped questions: a search by name or summary, and a form for parameters.
-import { button, byId, element, option, status } from "/files/page-elements.js";
+import { byId, element, option, status } from "/files/page-elements.js";
 import { request, select } from "/files/server.js";
 
 const OFFERED = `SELECT ?kind ?name ?iri WHERE {
@@ -46,28 +46,20 @@ export class QuestionList {
 
   /** A question as people ask it, or what it is about; its name in small print. */
   _entry({ name, summary, asked }) {
-    const made = button(asked[0] ?? summary, () => this.open(name));
-    made.append(element("small", asked.length ? `${name}: ${summary}` : name));
-    return made;
+    const onclick = () => this.open(name);
+    return element("button", asked[0] ?? summary, { type: "button", onclick }, element("small", asked.length ? `${name}: ${summary}` : name));
   }
 
   _form(question) {
-    const made = element("form", "", ...question.parameters.map((one) => this._field(one)));
-    const submit = element("button", "Ask");
-    submit.type = "submit";
-    if (question.parameters.length) made.append(element("p", "", submit));
-    made.addEventListener("submit", (event) => {
+    const fields = question.parameters.map((one) => this._field(one)), onsubmit = (event) => {
       event.preventDefault();
-      this.ask(question.name, Object.fromEntries(new FormData(made)));
-    });
-    return made;
+      this.ask(question.name, Object.fromEntries(new FormData(event.target)));
+    };
+    return element("form", "", { onsubmit }, ...fields, ...fields.length ? [element("p", "", element("button", "Ask", { type: "submit" }))] : []);
   }
 
   _field({ name, type, default: preset, about }) {
-    const input = element("input");
-    input.name = name;
-    input.value = preset ?? "";
-    input.required = preset === null;
+    const input = element("input", "", { name, value: preset ?? "", required: preset === null });
     if (NUMBERS[type]) { input.type = "number"; input.step = NUMBERS[type]; }
     if (LISTS[type]) input.setAttribute("list", LISTS[type]);
     return element("p", "", element("label", `${name} `, input), element("small", about));

@@ -36,16 +36,10 @@ function highlightsOf({ columns, rows }, isOnMap) {
     const terms = columns.map((name) => row[name]).filter(Boolean);
     const thing = terms.find((term) => term.type === "uri" && isOnMap(term.value));
     if (thing) iris.add(thing.value);
-    for (const term of terms) if (/wktLiteral$/.test(term.datatype || "")) takeGeometry(term.value, points, rings);
+    for (const ring of terms.filter(({ datatype = "" }) => datatype.endsWith("wktLiteral")).flatMap(({ value }) => ringsOf(value))) {
+      if (ring.every((corner) => corner.slice(0, 2).every(Number.isFinite))) (ring.length > 1 ? rings : points).push(ring.length > 1 ? ring : ring[0]);
+    }
     if (!thing && hasPosition && isNumeric(row.x) && isNumeric(row.y)) points.push([Number(row.x.value), Number(row.y.value)]);
   }
   return { iris, points, rings };
-}
-
-function takeGeometry(text, points, rings) {
-  for (const ring of ringsOf(text)) {
-    if (ring.some((corner) => !corner.slice(0, 2).every(Number.isFinite))) continue;
-    if (ring.length > 1) rings.push(ring);
-    else points.push(ring[0]);
-  }
 }

@@ -42,9 +42,7 @@ function cellOf(term, base, prefixes, top) {
   const cell = element("td");
   if (!term) return cell;
   if (term.type === "uri") {
-    const link = linkTo(term.value, base, compact(term.value, base, prefixes));
-    link.title = term.value;
-    cell.append(link);
+    cell.append(Object.assign(linkTo(term.value, base, compact(term.value, base, prefixes)), { title: term.value }));
     return cell;
   }
   cell.textContent = term.value;
@@ -52,7 +50,7 @@ function cellOf(term, base, prefixes, top) {
   if (isNumeric(term) && top) cell.style.background = `linear-gradient(to left, var(--selection) ${100 * sizeOf(term) / top}%, transparent 0)`;
   if (/#(date|dateTime)$/.test(term.datatype || "")) cell.className = "time";
   if (/#dateTime$/.test(term.datatype || "") && Date.parse(term.value)) Object.assign(cell, { textContent: clock(term.value), title: term.value });
-  if (term["xml:lang"]) cell.append(Object.assign(element("span", ` @${term["xml:lang"]}`), { className: "dim" }));
+  if (term["xml:lang"]) cell.append(element("span", ` @${term["xml:lang"]}`, { className: "dim" }));
   return cell;
 }
 

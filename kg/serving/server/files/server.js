@@ -12,7 +12,7 @@ export const useToken = (given) => { token = given; };
 
 export const hasToken = () => token !== "";
 
-/** Wait until the map may be read, for a private one by a token that is asked for; returns its base IRI, which `place` of a public map has. */
+/** Wait until the map may be read, a private one by a token; returns its base IRI, which `place` of a public map has. */
 export function enter(place) {
   const form = byId("entry");
   if (!form) return Promise.resolve(place.dataset.base);
@@ -73,7 +73,7 @@ export async function read(address, options = {}) {
   return (await request(address, { ...options, accept: JSON_TYPE, type: options.body && JSON_TYPE })).json();
 }
 
-/** The rows of a query's answer, as texts by their columns; `at` is a transaction number, or null for the present, which knows the transaction `since`. */
+/** The rows of an answer, as texts by columns, at a transaction, or null for the present, which knows the transaction `since`. */
 export async function select(query, at = null, since = 0) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
     method: "POST", type: "application/sparql-query", accept: "application/sparql-results+json", body: query, since,
@@ -82,11 +82,11 @@ export async function select(query, at = null, since = 0) {
   return results.bindings.map((row) => Object.fromEntries(Object.entries(row).map(([name, { value }]) => [name, value])));
 }
 
-/** Follow a map's changes after a transaction, as long as the page is open: server-sent events, read by fetch since EventSource sends no token.
+/** Follow a map's changes after a transaction: server-sent events, read by fetch since EventSource sends no token.
  *
  * - `onOpen()` and `onClosed()` are called when the connection opens and closes.
  * - `onChange(change)` is called for each change.
- * - `onGap()` is called where changes are missing: it reads the map again and returns the transaction to continue from.
+ * - `onGap()` is called where changes are missing: it reads the map anew and returns the transaction to go on from.
  */
 export async function followChanges(since, { onOpen, onClosed, onChange, onGap }) {
   let sequence = since, pause = FIRST_PAUSE;

@@ -6,7 +6,7 @@ const PATIENCE = 10000; // [ms] from one reading of the surface of the present t
 const SHEET = 16; // tiles along the side of a picture
 const MAX_SIDE = 4096; // [px] of the picture of a surface
 const OBSTACLE = 3;
-const CELL = 0.1, AROUND = 4; // [m] of a column of voxels; columns around one in which the outside is searched
+const CELL = 0.1, AROUND = 4; // [m] of a column of voxels, at least; columns around one in which the outside is searched
 const WALL = 1.2, OUTER = 0.3; // [m] of a wall, at least; how far to one side what was seen around it is, as a share
 // free, low obstacles, walls
 const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
@@ -98,8 +98,9 @@ function boundsOf(points) {
  *
  * A column is of an outer wall if it is tall, and nothing was seen on one of its sides. */
 export function facingOf({ points }, ground) {
-  const [xmin, xmax, ymin, ymax] = boundsOf(points), [columns, rows] = [xmax - xmin, ymax - ymin].map((side) => Math.ceil(side / CELL) + 2 * AROUND + 1);
-  const cellOf = (n) => (AROUND + Math.floor((points[n + 1] - ymin) / CELL)) * columns + AROUND + Math.floor((points[n] - xmin) / CELL);
+  const [xmin, xmax, ymin, ymax] = boundsOf(points), sides = [xmax - xmin, ymax - ymin], cell = CELL * Math.ceil(Math.max(...sides) / CELL / MAX_SIDE || 1);
+  const [columns, rows] = sides.map((side) => Math.ceil(side / cell) + 2 * AROUND + 1);
+  const cellOf = (n) => (AROUND + Math.floor((points[n + 1] - ymin) / cell)) * columns + AROUND + Math.floor((points[n] - xmin) / cell);
   const high = new Float32Array(columns * rows).fill(-Infinity), facing = new Uint8Array(columns * rows).fill(255), found = new Uint8Array(points.length / 3);
   for (let n = 0; n < points.length; n += 3) high[cellOf(n)] = Math.max(high[cellOf(n)], points[n + 2]);
   for (let at = 0; at < high.length; at++) {

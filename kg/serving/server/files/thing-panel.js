@@ -1,12 +1,13 @@
-// What there is to say of one thing, beside the map and on its own page: facts, relations, explanation, history, picture.
-import { byId, drawing, element, examplesOf, linkButton, linkTo, named, percent, sureness } from "/files/page-elements.js";
+// What there is to say of one thing, beside the map and on its own page.
+import { byId, chance, drawing, element, examplesOf, folded, linkButton, linkTo, named, percent, sureness } from "/files/page-elements.js";
 import { read, request, select } from "/files/server.js";
-import { clock } from "/files/time-axis.js";
+import { clock, dayAndTime } from "/files/time-axis.js";
 
 const TURNED = { on: "with … on it", inside: "with … in it" };
-const ASIDES = new Set(["model", "pose", "commit", "change", "person"]); // reasons in small print
+const ASIDES = new Set(["model", "pose", "commit", "change", "person", "rule"]); // reasons in small print
 const BESIDE = 0.15 / 1.3; // of the longer side of a picture, from its edge to the box (perception/annotate.py)
-const MAX_EVENTS = 12, FINE = 400; // [px] of a picture with a box
+const MAX_EVENTS = 12, MAX_STEPS = 6; // that are shown at once
+const FINE = 400; // [px] of a picture with a box
 
 export class ThingPanel {
   /** `choose(iri)` selects another thing; `shown(thing)` is called when one is described.
@@ -27,14 +28,14 @@ export class ThingPanel {
     [this._iri, this._least] = [iri, least];
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
-    const parts = one ? this._object(one) : place ? this._place(place, least)
+    const parts = one ? this._object(one) : place ? this._place(place, least) : byId("thing") ? this._end({ iri })
       : [element("p", "Ask a question, or click on a thing or a room."), this._examples(), ...this._rooms()];
     byId("about").replaceChildren(...parts);
     this._shown(one ?? place ?? null);
-    if (one || place) this._ask(iri);
+    if (one || place || byId("thing")) this._ask(iri);
   }
 
-  /** Whether the thing has changed since its description; false right after one, and while somebody reads a source. */
+  /** Whether the thing has changed since its description. */
   get isBehind() {
     return JSON.stringify(this._thing()) !== this._described;
   }
@@ -57,7 +58,7 @@ export class ThingPanel {
 
   _rooms() {
     const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", ` ${this._counted(room)}`)));
-    return entries.length ? [Object.assign(element("ul", "", ...entries), { className: "rooms" })] : [];
+    return entries.length ? [element("ul", "", { className: "rooms" }, ...entries)] : [];
   }
 
   /** The number of things in a room, in words. */
@@ -71,8 +72,7 @@ export class ThingPanel {
   }
 
   _object(one) {
-    const place = this._data.places.get(one.place), where = element("span", place ? this._data.inPlace(place) : "");
-    where.id = "about-where";
+    const place = this._data.places.get(one.place), where = element("span", place ? this._data.inPlace(place) : "in no known room", { id: "about-where" });
     const sides = [one.dx, one.dy, one.dz].map((side) => Math.round(100 * side));
     return [
       element("h2", "", named(this._data, one)), element("div"), // for the picture
@@ -81,7 +81,7 @@ export class ThingPanel {
         ["where", where, "here:inPlace"],
         ["is it there?", sureness(one.existence), "here:existence"],
         ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high` : "", "here:extentX"],
-        ["last seen", one.seen ? element("span", clock(one.seen), element("small", one.count ? `${one.count} times in all` : "")) : "", "here:lastSeen"],
+        ["last seen", one.seen ? element("span", dayAndTime(one.seen), element("small", one.count ? `${one.count} ${one.count === 1 ? "time" : "times"} in all` : "")) : "", "here:lastSeen"],
         ["position", element("span", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m`, element("small", one.deviation ? `± ${one.deviation.toFixed(2)} m` : "")), "here:x"],
       ]),
       ...this._end(one),
@@ -89,31 +89,30 @@ export class ThingPanel {
   }
 
   _place(place, least) {
-    const beliefs = place.beliefs.slice(0, 6).map(([category, belief]) => element("li", `${this._data.labelOf(category)} `, sureness(belief)));
-    const here = this._contents(place, least);
+    const beliefs = place.beliefs.filter(([, belief]) => belief >= 0.005).slice(0, 6).map(([category, belief]) => element("li", `${this._data.labelOf(category)} `, sureness(belief)));
+    const nameOf = (one) => this._data.nameOf(one), here = this._contents(place, least).sort((a, b) => nameOf(a).localeCompare(nameOf(b), "en", { numeric: true }));
     return [
-      element("h2", this._data.nameOf(place)), element("div"),
+      element("h2", nameOf(place)), element("div"),
       this._facts(place, [
         ["name", place.label !== place.title ? place.label : "", "rdfs:label"],
         ["viewed", place.share !== undefined ? `${percent(place.share)} of its floor` : "", "here:viewedShare"],
-        ["last viewed", place.viewed ? clock(place.viewed) : "", "here:lastViewed"],
+        ["last viewed", place.viewed ? dayAndTime(place.viewed) : "", "here:lastViewed"],
       ]),
+      ...beliefs.length ? [element("h3", "What kind of place"), element("ul", "", ...beliefs)] : [],
       element("h3", here.length ? "In it" : "Nothing is known to be in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
-      ...this._end(place), slot("kinds", "What kind of place", element("ul", "", ...beliefs)),
+      ...this._end(place),
     ];
   }
 
   _end(thing) {
-    const link = linkTo(thing.iri, this._data.base, "Open its page");
-    link.className = "primary";
+    const link = Object.assign(linkTo(thing.iri, this._data.base, "Open its page"), { className: "primary" });
     return [element("p", "", link), slot("why", "Why the map believes it"), slot("history", "History")];
   }
 
   /** A list of statements [name, content, predicate], each with its source behind a line. */
   _facts(thing, rows) {
     return element("dl", "", ...rows.filter(([, content]) => content).flatMap(([name, content, predicate]) => {
-      const source = element("details", "", element("summary", "why?"), element("div", "…"));
-      source.className = "source";
+      const source = element("details", "", { className: "source" }, element("summary", "why?"), element("div", "…"));
       source.addEventListener("toggle", () => fill(source.lastElementChild, whyOf(this._data, `${this._data.pathOf(thing.iri)} ${predicate}`)), { once: true });
       return [element("dt", name), element("dd", "", content, source)];
     }));
@@ -128,10 +127,9 @@ export class ThingPanel {
     const data = this._data, at = (id) => byId(`about-${id}`)?.lastElementChild;
     fill(at("why"), whyOf(data, data.pathOf(iri)));
     fill(at("history"), historyOf(data, iri));
-    if (!data.thingAt(iri)) return;
     const where = byId("about-where"), picture = byId("picture") ?? byId("about").querySelector("h2 + div");
-    relationsOf(data, iri, this._choose).then((found) => where.append(...found.flatMap((one, n) => [n || where.textContent ? ", " : "", one])), () => {});
     pictureOf(data, iri).then((found) => found && picture.replaceChildren(found), () => {});
+    if (where) relationsOf(data, iri, this._choose).then((phrases) => where.append(...phrases.flatMap((one) => [", ", one])), () => {});
   }
 }
 
@@ -140,29 +138,30 @@ function fill(place, answer) {
   answer.then((content) => place.replaceChildren(...content), (error) => place.replaceChildren(element("p", error.message)));
 }
 
-function slot(id, title, content = element("div", "…")) {
-  const made = element("details", "", element("summary", title), content);
-  made.id = `about-${id}`;
-  made.open = id === "history" || document.body.className !== "wide";
-  return made;
+function slot(id, title) {
+  const open = id === "history" || document.body.className !== "wide";
+  return element("details", "", { id: `about-${id}`, open }, element("summary", title), element("div", "…"));
 }
 
-/** What it is on, in or beside, and what is on or in it: a list of phrases with links, the surest first. */
+/** What it is on, in or beside, and what is on or in it: phrases with links, the surest first. */
 async function relationsOf(data, iri, choose) {
   const rows = await select(`SELECT ?kind ?other ?chance ?turned WHERE { GRAPH graph:map {
       { <${iri}> here:hasRelation ?r . ?r here:relatedTo ?other . BIND(false AS ?turned) }
       UNION { ?other here:hasRelation ?r . ?r here:relatedTo <${iri}> . BIND(true AS ?turned) }
-      ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) LIMIT 12`, data.past);
-  const phrases = new Map(); // words before and after -> links
-  const told = new Set();
-  for (const { kind: relation, other, chance, turned } of rows) {
-    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || `${kind} …`, one = data.objects.get(other);
-    if (!one || told.has(`${words} ${other}`) || !told.add(`${words} ${other}`)) continue;
-    const link = linkButton(() => choose(other), named(data, one));
-    link.title = `${percent(Number(chance))} sure`;
-    phrases.set(words, [...(phrases.get(words) ?? []), ", the ", link]);
+      ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) ?other LIMIT 12`, data.past);
+  const found = new Map(); // words before and after -> IRI -> chance
+  for (const { kind: relation, other, chance: share, turned } of rows) {
+    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || `${kind} …`, others = found.get(words) ?? new Map();
+    if (data.objects.has(other) && !others.has(other)) found.set(words, others.set(other, share));
   }
-  return [...phrases].map(([words, [, ...links]]) => element("span", words.split("…")[0] + "the ", ...links, words.split("…")[1]));
+  return [...found].map(([words, others]) => {
+    const [before, after] = words.split("…"), names = [...others.keys()].map((other) => data.partsOf(data.objects.get(other))[0]);
+    return element("span", before, ...[...others].flatMap(([other, share], n) => {
+      const one = data.objects.get(other), isOnly = names.filter((name) => name === names[n]).length === 1; // of its name; others have their numbers
+      const link = linkButton(() => choose(other), isOnly ? named(data, one) : data.nameOf(one), { title: `${percent(Number(share))} sure` });
+      return [n ? (n === names.length - 1 ? " and " : ", ") : "", isOnly ? "the " : "", link];
+    }), after);
+  });
 }
 
 /** The explanation as steps, of a thing or of one of its facts; only of the present. */
@@ -175,13 +174,14 @@ async function whyOf(data, what) {
 
 /** Steps, each with where and when it was made in small print; what was seen has its picture. */
 function stepsOf(data, reasons, iri) {
-  return element("ol", "", ...reasons.map((reason) => {
+  const surety = ({ iri: other }) => data.thingAt(other)?.existence ?? 1;
+  return folded("ol", [...reasons].sort((a, b) => surety(b) - surety(a)), MAX_STEPS, (reason) => {
     const { text, because } = reason, made = element("li", "", element("span", plain(text)), element("small", asidesOf(reason).map(plain).join("; ")));
     const steps = because.filter(({ kind }) => !ASIDES.has(kind));
     if (reason.kind === "observation") pictureOf(data, iri).then((picture) => picture && made.prepend(boxed(picture)), () => {});
     if (steps.length) made.append(stepsOf(data, steps, iri));
     return made;
-  }));
+  });
 }
 
 const asidesOf = ({ because }) => because.filter(({ kind }) => ASIDES.has(kind)).flatMap((one) => [one.text, ...asidesOf(one)]);
@@ -201,6 +201,8 @@ function boxed(picture) {
 /** A line of an explanation in the words of the page: clock times, percentages. */
 function plain(text) {
   return text.replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure").replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, ${percent(score)} sure`)
+    .replace(/, existence ([\d.]+)$/, (_, sure) => `, ${chance(Number(sure))} sure`).replace(/: box .*/, "")
+    .replace(/([\d.]+) x ([\d.]+) x ([\d.]+) m/g, (_, ...sides) => `${sides.slice(0, 3).map((side) => Math.round(100 * side)).join(" × ")} cm`)
     .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`)
     .replace(/^transaction #\d+ at (\S+Z)(?:: frame \((.*)\/(.*)\))?/, (_, time, recording, frame) => `written at ${time}${frame ? `, from ${frame} of ${recording}` : ""}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time));
@@ -208,19 +210,30 @@ function plain(text) {
 
 /** The changes of one moment as a sentence. */
 function sentenceOf(told) {
-  const changes = told.filter((text, n) => !n || !text.startsWith("new: ")).map((text) => text.replace(/^new: .*/, "appeared").replace(/^(moved .*), at /, "$1 to "));
-  return `It ${changes.join(", ").replace(/^(an?|in|on|inside|at|called|no longer) /, "is $&").replace(/^there /, "is there, $&").replace(/^removed/, "was $&")}`;
+  const changes = told.filter((text, n) => !n || !text.startsWith("new: ")).map((text) => text.replace(/^new: .*/, "appeared").replace(/^(moved .*), at /, "$1 to ").replace(/^(stopped|found|given up)$/, "ended: $&"));
+  return `It ${changes.join(", ").replace(/^(an?|in|on|inside|at|called|no longer) /, "is $&").replace(/^there /, "is there, $&").replace(/^removed/, "was $&").replace(/^appeared, (?=in|at|on)/, "appeared ")}`;
+}
+
+/** Events, where nobody changed the same again the last of them, with the number of those before. */
+function distinct(events) {
+  const kept = [], kindOf = ({ by, told }) => by || told.map((text) => text.replace(/^an? .*/, "a").replace(/ .*/, "")).join();
+  for (const event of events) {
+    const by = event.by?.replace(/^search.*/, ""), isAlone = by || event.told.length < 2; // a search is no person
+    const now = { ...event, by, told: event.told.filter((text) => isAlone || !text.startsWith("called ")), more: 0 }, last = kept.at(-1);
+    if (last && !by && kindOf(last) === kindOf(now)) Object.assign(now, { more: kept.pop().more + 1 });
+    kept.push(now);
+  }
+  return kept;
 }
 
 /** What happened to it, as `/log` tells it, the last first. */
 async function historyOf(data, iri) {
   const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&told=1&last=200`);
-  const events = log.filter(({ sequence }) => data.past === null || sequence <= data.past);
-  return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, cause, told }) => {
-    const item = element("li", "", element("small", clock(time)), plain(sentenceOf(told)) + (by ? ` (${by})` : ""));
-    item.title = cause;
-    return item;
-  }))];
+  const events = distinct(log.filter(({ sequence }) => data.past === null || sequence <= data.past)).reverse();
+  return [folded("ul", events, MAX_EVENTS, ({ time, by, cause, told, more }) => {
+    const words = plain(sentenceOf(told)) + (by ? ` (${by})` : "") + (more ? `, after ${more} such ${more === 1 ? "change" : "changes"}` : "");
+    return element("li", "", { title: cause }, element("small", clock(time)), words);
+  })];
 }
 
 /** The picture of an object's best observation, drawn; null where none is kept. */

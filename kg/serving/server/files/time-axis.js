@@ -1,6 +1,5 @@
-// The clock axis, the times of the map without quiet times, with marks where things changed: it selects what is shown. And what
-// changed from one moment to the shown one: a list, and signs on the map.
-import { byId, element, linkButton, named, status } from "/files/page-elements.js";
+// The clock axis, the times of the map without quiet ones: it selects what is shown. And what changed from one moment to the shown one.
+import { byId, element, folded, linkButton, named, status } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -28,6 +27,9 @@ export function clock(time, parts = { hour: "numeric", minute: "2-digit", second
   if (day.day && date.getFullYear() !== now.getFullYear()) day.year = "numeric";
   return new Intl.DateTimeFormat("en", { ...day, ...parts, hourCycle: "h23" }).format(date);
 }
+
+/** A time with its day, which may be today. */
+export const dayAndTime = (time) => clock(time).replace(/^\d\d:/, "today, $&");
 
 export class TimeAxis {
   /** `shown()` is called after another moment is shown. */
@@ -273,11 +275,9 @@ export class ChangePanel {
 
   _list(title, changes, sign = "") {
     if (!changes.length) return [];
-    const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", this._link(one), this._wordsOf(one)));
-    const more = changes.length - entries.length;
     const head = element("h3", `${title} (${changes.length})`);
     head.dataset.sign = sign;
-    return [head, element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
+    return [head, folded("ul", changes, MAX_ENTRIES, (one) => element("li", "", this._link(one), this._wordsOf(one)))];
   }
 
   _link(one) {

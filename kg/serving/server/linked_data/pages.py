@@ -40,6 +40,10 @@ from kg.serving.server.linked_data.memento import VARY, links, memento
 #: IRI -> its address on this server, and its name.
 Link = Callable[[str], tuple[str, str]]
 _FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE.value: 1}
+#: classes of what is drawn on no map, and has reasons and a history
+_WITH_HISTORY: Final = frozenset(
+    map(NamedNode, (v.DEPARTED_OBJECT, v.DOOR, v.ROBOT, v.SEARCH, v.LOOK))
+)
 _TOKEN_FORM: Final = (
     '<section id="editing" class="hidden" aria-label="edit"><form id="corrector">'
     "<label>token for corrections "
@@ -128,22 +132,23 @@ def thing_page(
 ) -> str:
     """The page of a resource: its facts, and the facts that refer to it.
 
-    A thing on the map has a small map, its picture, reasons and history first, except in the past.
+    A thing on the map has a small map, its picture, reasons and history first, except in the past;
+    so has one that left, a door, the robot, a search and its looks.
     """
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
         _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.referring
     )
-    address = link(thing.iri)[0]
+    address, live = link(thing.iri)[0], "" if past else _live(thing, base)
     page = template("thing.html").substitute(
         head=head(title),
         title=escape(title),
         iri=escape(thing.iri),
         turtle=escape(f"{address}{'&' if '?' in address else '?'}format=ttl"),
         place=_on_the_map(thing, base),
-        live=_live(thing, base) if not past else "",
-        open="" if _is_on_map(thing) and not past else "open",
+        live=live,
+        open="" if live else "open",
         facts=facts,
         pointing=pointing,
         pointing_class="" if pointing else "hidden",
@@ -165,10 +170,16 @@ def _is_on_map(thing: ResourceDescription) -> bool:
 
 
 def _live(thing: ResourceDescription, base: str) -> str:
-    """The part of a page that scripts fill; empty for a thing without a position."""
-    if not _is_on_map(thing):
+    """The part of a page that scripts fill; empty for what is not of the map."""
+    about = [quad for quad in thing.about if _is(quad.subject, thing.iri)]
+    kinds = {quad.object for quad in about if quad.predicate == v.RDF_TYPE}
+    if not _is_on_map(thing) and not kinds & _WITH_HISTORY:
         return ""
-    return template("thing-live.html").substitute(base=escape(base), iri=escape(thing.iri))
+    stated = {quad.predicate.value: quad.object for quad in about}
+    at = [x.value for x in map(stated.get, (v.X, v.Y)) if isinstance(x, Literal)]
+    return template("thing-live.html").substitute(
+        base=escape(base), iri=escape(thing.iri), at=escape(" ".join(at) if len(at) == 2 else "")
+    )
 
 
 def compact(iri: str, base: str) -> str:

@@ -85,8 +85,9 @@ def test_what_people_added_survives_and_what_they_changed_is_seen(semantic_map):
 
 def test_one_bad_record_and_nothing_of_the_update_is_written(semantic_map: SemanticMap) -> None:
     good, bad = thing(semantic_map), thing(semantic_map, existence=2.0)
-    with pytest.raises(InvalidFactError):
-        semantic_map.apply(MapUpdate(objects=(good, bad)))
+    for wrong in (bad, thing(semantic_map, deviation=1e200)):
+        with pytest.raises(InvalidFactError, match="must be within"):
+            semantic_map.apply(MapUpdate(objects=(good, wrong)))
     assert semantic_map.objects() == ()
 
 

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.model.records import (
+    DepartedRecord,
+    DoorRecord,
+    MapUpdate,
+    PlaceRecord,
+    Relation,
+    RobotRecord,
+)
 from tests.kg.serving.server.browser_pages import OpenPage, ask, says
 
 if TYPE_CHECKING:
@@ -132,12 +140,50 @@ def test_a_name_that_is_too_long_for_the_map_is_shortened(own: Served, open_page
 def test_the_history_of_a_thing_is_in_sentences(own: Served, open_page: OpenPage) -> None:
     own.move(1, 3.0)
     own.map.assertions.add(f"{own.map.base}object/1", "label", "Ann's mug", by="ann")
+    own.move(1, 3.5)
+    own.move(1, 2.5)
     page = open_page("object/1", own)
-    says(page, "#about-history", "It appeared, at (1.00, 0.50) m, 80 % sure, in the kitchen")
+    says(page, "#about-history", "It appeared at (1.00, 0.50) m, 80 % sure, in the kitchen")
     says(page, "#about-history", "It moved 2.00 m to (3.00, 0.50) m")
+    says(page, "#about-history", "It moved 1.00 m to (2.50, 0.50) m, after 1 such change")
     says(page, "#about-history", "It is called Ann's mug (ann)")
     says(page, "#about-why", "written at")
     says(page, "#about-why", "from frame-000001 of flat")
+
+
+def test_what_left_the_map_and_a_door_have_pages_in_sentences(
+    own: Served, open_page: OpenPage
+) -> None:
+    cup, rooms = own.map.objects()[0], (own.map.place_iri(1), own.map.place_iri(2))
+    gone = DepartedRecord(cup.iri, cup.category, cup.p_map, 0.8, 3, *3 * [cup.last_seen])
+    own.map.apply(MapUpdate(removed=(cup.iri,), departed=(gone,)))
+    hall = PlaceRecord(rooms[1], "hall", 4, 6, -1, 3)
+    door = DoorRecord(f"{own.map.base}door/1-2", 4.0, 1.0, 0.9, rooms)
+    own.map.apply(MapUpdate(places=(hall,), doors=(door,)))
+    page = open_page("object/1", own)
+    says(page, "#about-why", "cup 1 left (1, 0.5, 0.8) m")
+    says(page, "#about-history", "It left where it stood")
+    page = open_page("door/1-2", own)
+    says(page, "#about-history", "It appeared at (4.00, 1.00) m, leading to the kitchen")
+    says(page, "#about-why", "split into rooms at its doors")
+
+
+def test_many_reasons_and_things_of_one_name_are_told_apart(
+    own: Served, open_page: OpenPage
+) -> None:
+    table, *cups = (
+        replace(one, relations=(), iri=f"{own.map.base}object/{n}")
+        for n, one in enumerate([*own.map.objects()[1:], *9 * own.map.objects()[:1]], 10)
+    )
+    on = tuple(replace(one, relations=(Relation("on", table.iri, 0.9),)) for one in cups)
+    own.map.apply(MapUpdate(objects=(table, *on)))
+    page = open_page("object/10", own)
+    says(page, "#about-where", "with cup 11, cup 12, cup 13")
+    says(page, "#about-where", "and cup 19 on it")
+    for n in range(20):  # changes of what it is, by nobody
+        own.put(30, ("cup", "chair")[n % 2], 1.0 + n, 0.5)
+    page = open_page("object/30", own)
+    says(page, "#about-history", "after 18 such changes")
 
 
 def test_one_broken_mark_ends_no_other(open_page: OpenPage) -> None:
