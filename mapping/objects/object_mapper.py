@@ -136,11 +136,11 @@ class ObjectMapper(ABC):
         """Objects that are in another place since they, or the places' rectangles, changed."""
         if self._places is None:
             return {}
-        held, touched = self.cache.perceived, self._touched
+        held: dict[str, ObjectRecord] = self.cache.perceived
         if self._places.revision == self._revision:
-            held = {iri: held[iri] for iri in touched if iri in held}
+            held = {iri: held[iri] for iri in self._touched if iri in held}
         self._revision = self._places.revision
-        touched.clear()
+        self._touched.clear()
         placed = ((record, self._place(record)) for record in held.values())
         return {
             record.iri: replace(record, place=place)
