@@ -66,8 +66,8 @@ def answer(server: MCPServer[Any], tool: str, **arguments: object) -> dict[str, 
         ("find_plan", {"what": {"a" * 99: 1}}, "what should be a list, got {'" + "a" * 38 + " ..."),
         (
             "assert_fact",
-            {"thing": "object/2", "property": "label", "value": "l" * 2000},
-            "value should have at most 200 characters, got 2,000",
+            {"thing": "l" * 2000, "property": "label", "value": "my cup"},
+            "thing should have at most 300 characters, got 2,000",
         ),
         (
             "assert_fact",
