@@ -1,7 +1,7 @@
 """A thing that nobody saw has the same word at every door, by the usual size of such things."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import pytest
@@ -29,8 +29,8 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
         yield opened
 
 
-def _of_rows(base: str, rows: object) -> str:
-    (row,) = [one for one in rows if str(one["place"]).removeprefix(base) == KITCHEN]  # type: ignore[attr-defined]
+def _of_rows(base: str, rows: Iterable[Mapping[str, object]]) -> str:
+    (row,) = [one for one in rows if str(one["place"]).removeprefix(base) == KITCHEN]
     return str(row["status"])
 
 
