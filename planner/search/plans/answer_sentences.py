@@ -230,11 +230,11 @@ def _guess(
     first = found.steps[0] if found is not None and found.steps else None
     reason = first.why[0].candidate if first is not None and first.why else None
     if first is None or (reason is not None and state.targets[reason.target] is not target):
-        room = in_words(catalogue, state.room_names[best])
-        return f"; if it is here, then most probably in {room}"
+        likeliest = in_words(catalogue, state.room_names[best])
+        return f"; if it is here, then most probably in {likeliest}"
     shown = None if reason is None else reason.place
-    room = state.rooms.index(shown if shown in state.rooms else first.place)
+    place = state.rooms.index(shown if shown in state.rooms else first.place)
     lead = "in"
-    if state.rooms[room] != first.place:
+    if state.rooms[place] != first.place:
         lead = f"from {in_words(catalogue, first.place_name)} into"
-    return f"; the first look is {lead} {in_words(catalogue, state.room_names[room])}"
+    return f"; the first look is {lead} {in_words(catalogue, state.room_names[place])}"
