@@ -105,12 +105,12 @@ class _Asked:
         self._told(f"the pool had no worker for {WITHIN:g} s")
 
     def _whole(self, pool: QueryPool) -> None:
-        """Both workers are back, and answer."""
+        """A worker is back, and answers; there are no more than there may be."""
         end = time.monotonic() + WITHIN
-        while len(pool.pids) < WORKERS and time.monotonic() < end:
+        while not pool.pids and time.monotonic() < end:
             pool.run("ASK {}")
             time.sleep(0.01)
-        if len(pool.pids) != WORKERS:
+        if not 1 <= len(pool.pids) <= WORKERS:
             self._told(f"the pool has {len(pool.pids)} of {WORKERS} workers")
 
     def _write(self, semantic_map: SemanticMap) -> None:

@@ -232,15 +232,15 @@ class WorkerProcess:
 class WorkerSet:
     """Processes that evaluate one request at a time; safe to use from several threads.
 
-    `size` of them run in advance. The queue of the pool lends no more at once, except while one
-    that was killed ends.
+    One runs in advance, and another is started where all are lent; up to `size` are kept. The queue
+    of the pool lends no more at once, except while one that was killed ends.
     """
 
     def __init__(self, settings: dict[str, Any], size: int) -> None:
         self.size = size
         self._settings = settings
         self._changed = threading.Condition()
-        self._idle = [WorkerProcess(settings) for _ in range(size)]
+        self._idle = [WorkerProcess(settings)]
         self._lent: set[WorkerProcess] = set()
         self._killed = False
 
@@ -303,9 +303,9 @@ class WorkerSet:
             self._close_dead()
             if len(self._idle) + len(self._lent) > self.size:
                 self._idle.pop().close()
-            with contextlib.suppress(GraphError):  # the next query tries again and reports it
-                while not self._killed and len(self._idle) + len(self._lent) < self.size:
-                    self._idle.insert(0, WorkerProcess(self._settings))
+            if not self._killed and not self._idle and not self._lent:
+                with contextlib.suppress(GraphError):  # the next query tries again and reports it
+                    self._idle.append(WorkerProcess(self._settings))
             self._changed.notify_all()
 
     def _close_dead(self) -> None:

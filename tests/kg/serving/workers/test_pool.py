@@ -140,7 +140,7 @@ def test_snapshots_of_a_killed_server_are_removed_at_the_next_start(tmp_path: Pa
         assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
     assert not list(tmp_path.glob(".home.snapshots-*"))
     pids = ran.stdout.split()
-    assert len(pids) == 3
+    assert pids
     until(lambda: not any(map(_runs, pids)), "workers outlived the process that asked them")
 
 
