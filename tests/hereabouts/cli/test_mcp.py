@@ -19,12 +19,14 @@ from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 from mcp.server import MCPServer
-from pyoxigraph import Literal
+from pyoxigraph import Literal, Quad
 
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.tool_server import tool_server
 from hereabouts.cli import main
 from kg.model.records import MapUpdate, PlaceRecord, PlaceViews
+from kg.model.transactions import Cause
+from kg.model.vocabulary import MAP_GRAPH
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers.local_evaluation import LimitedQueries
 from tests.hereabouts.cli.test_serve import interruptible, serve
@@ -60,12 +62,11 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
         den = PlaceRecord(semantic_map.place_iri(3), HOSTILE, 8, 12, 0, 4, viewed=views)
         semantic_map.apply(MapUpdate(places=(den,)))
         semantic_map.assertions.add("object/2", "label", "mine", by="mallory")
-        semantic_map.update(  # as another program would, which asserts nothing
-            "DELETE { GRAPH graph:map { ?s ?p 'mine' } } "
-            f"INSERT {{ GRAPH graph:map {{ ?s ?p {Literal(HOSTILE[:90])} }} }} "
-            "WHERE { GRAPH graph:map { ?s ?p 'mine' } }",
-            by="mallory",
-        )
+        # as a map of an earlier release may have it
+        mine = [*semantic_map.engine.quads_for_pattern(None, None, Literal("mine"), MAP_GRAPH)]
+        hostile = [Quad(q.subject, q.predicate, Literal(HOSTILE[:90]), MAP_GRAPH) for q in mine]
+        assert mine
+        semantic_map.store.commit(mine, hostile, Cause("update", by="mallory"))
     return path
 
 

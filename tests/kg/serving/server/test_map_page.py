@@ -68,7 +68,7 @@ def test_changes_arrive_without_reloading(own: Served, open_page: OpenPage) -> N
     odd = "https://x/t%41b"
     own.write(f"INSERT DATA {{ <{odd}> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }}")
     # a robot that is nowhere near does not stop the page
-    own.map.apply(MapUpdate(robot=RobotRecord(np.array([1e30, 0.0, 0.0]), 0.0, 1.7e9)))
+    own.map.apply(MapUpdate(robot=RobotRecord(np.array([1e6, 0.0, 0.0]), 0.0, 1.7e9)))
     page = open_page(f"#{CUP}", own)
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
     own.put(4, "bowl", 2.0, 2.0)
