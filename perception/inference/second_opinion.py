@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.errors import ModelError
 from perception.frames import Detections
 from perception.inference.class_labels import NO_OBJECT, coco_by_id
 
@@ -60,7 +61,12 @@ class SecondOpinion:
         if not self._left or not len(sure):
             return
         self._left -= 1
-        self._detect = self._detect or self._other()
+        try:
+            self._detect = self._detect or self._other()
+        except ModelError as error:  # an opinion less is no reason to stop
+            self._left = 0
+            _log.info("%s: its answers are not compared: %s", self._name, error)
+            return
         seen = self._detect(rgb)
         self._count(sure, seen.chosen(np.flatnonzero(seen.score >= SURE)), rgb.shape)
         own, fits = self._fits[OWN], max(self._fits.values(), default=0)
