@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -41,8 +42,7 @@ class SecondOpinion:
     """
 
     def __init__(self, name: str, labels: Sequence[str], other: Callable[[], _Detect]) -> None:
-        self._name, self._other = name, other
-        self._detect: _Detect | None = None
+        self._name, self._other = name, cache(other)
         self._fits = Counter[str]()  # things by the way of reading
         self._kinds = dict[str, set[str]]()  # their categories
         known = [one for one in coco_by_id() if one != NO_OBJECT]
@@ -62,12 +62,11 @@ class SecondOpinion:
             return
         self._left -= 1
         try:
-            self._detect = self._detect or self._other()
+            seen = self._other()(rgb)
         except ModelError as error:  # an opinion less is no reason to stop
             self._left = 0
             _log.info("%s: its answers are not compared: %s", self._name, error)
             return
-        seen = self._detect(rgb)
         self._count(sure, seen.chosen(np.flatnonzero(seen.score >= SURE)), rgb.shape)
         own, fits = self._fits[OWN], max(self._fits.values(), default=0)
         ways = [way for way, count in self._fits.items() if count == fits and way != OWN]
