@@ -174,10 +174,8 @@ class LoneFrames:
         self.depth.add(view)
         self.colour.add(view)
         found = {}
-        for kind, what, ids in (
-            ("lone", "depth", self.depth.lone),
-            ("colour", "colour", self.colour.lone),
-        ):
+        for kind, what, runs in (("lone", "depth", self.depth), ("colour", "colour", self.colour)):
+            ids = runs.lone
             if len(ids).bit_length() > self._told.get(kind, 0).bit_length():
                 self._told[kind] = len(ids)
                 count = f"{len(ids)} frame{'s' * (len(ids) > 1)}"

@@ -232,8 +232,7 @@ def _corners(packed: str | list[list[float]]) -> NDArray[np.float64]:
 
 
 def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
-    plain = {name: state[name] for name in _PLAIN if name != "early"}
-    plain["early"] = state.get("early", 0.0)  # files of earlier releases have none
+    plain = {n: state[n] for n in _PLAIN if n != "early" or n in state}  # older files have none
     points: dict[str, Any] = {
         name: np.array(state[name], np.float64).reshape(3) for name in _POINTS
     }
