@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, Self
 
@@ -37,6 +37,7 @@ MIN_USUAL: Final = 8  # ... where there are so many
 LESS: Final = 0.06  # than usual that colour agrees, and than of the frames around; sound ones 0.03
 UNLIKE: Final = 0.35  # the same, of frames around that show little in common; sound ones 0.22
 SOUND: Final = 2  # frames that agree as usual, after which such a run has ended
+HELD: Final = 40  # frames that wait at most, as where the camera of the first gives no more
 
 _log = logging.getLogger(__name__)
 
@@ -173,46 +174,49 @@ class LoneFrames:
         self.depth.add(view)
         self.colour.add(view)
         found = {}
-        for kind, what, ids in (
-            ("lone", "depth", self.depth.lone),
-            ("colour", "colour", self.colour.lone),
-        ):
+        for kind, what, runs in (("lone", "depth", self.depth), ("colour", "colour", self.colour)):
+            ids = runs.lone
             if len(ids).bit_length() > self._told.get(kind, 0).bit_length():
                 self._told[kind] = len(ids)
                 count = f"{len(ids)} frame{'s' * (len(ids) > 1)}"
                 found[kind] = lone_text(what, count, ids)
         return found
 
-    @property
-    def doubts(self) -> bool:
-        """Whether the last frames are doubted, which later ones may explain."""
-        return bool(self.depth.doubted or self.colour.doubted)
+    def doubts(self, frame: str) -> bool:
+        """Whether a frame, by its id, is doubted, which later ones may explain."""
+        return frame in self.depth.doubted or frame in self.colour.doubted
+
+    def has(self, frame: str) -> bool:
+        """Whether a frame, by its id, is lone."""
+        return frame in self.depth.lone or frame in self.colour.lone
 
 
 def without_lone(
     frames: Iterable[Frame], name: str, lines: dict[tuple[str, str], str]
 ) -> Iterator[Frame]:
-    """The frames of a stream, where lone ones show nothing; frames wait while they are doubted.
+    """The frames of a stream, where lone ones show nothing; frames wait for those in doubt.
 
     A warning tells of them as they double; `lines` keeps the last by camera and kind of fault.
     """
-    judges, held = defaultdict[str, LoneFrames](LoneFrames), list[Frame]()
-    for frame in frames:
-        for kind, line in judges[frame.camera].add(View.of(frame)).items():
-            lines[frame.camera, kind] = f"{line}; they are left out"
-            _log.warning("%s: %s", name, lines[frame.camera, kind])
-        held.append(frame)
-        if not any(one.doubts for one in judges.values()):
-            yield from held if len(held) == 1 else _shown(held, judges)
-            held.clear()
-    yield from _shown(held, judges)
+    judges, held = defaultdict[str, LoneFrames](LoneFrames), deque[Frame]()
 
+    def first() -> Frame:
+        one = held.popleft()
+        if not judges[one.camera].has(one.id):
+            return one
+        return replace(one, rgb=np.zeros_like(one.rgb), depth=np.full_like(one.depth, np.nan))
 
-def _shown(held: Iterable[Frame], judges: Mapping[str, LoneFrames]) -> Iterator[Frame]:
-    """Frames, black and without depth where they are lone."""
-    lone = {c: {*one.depth.lone, *one.colour.lone} for c, one in judges.items()}
-    for one in held:
-        if one.id in lone[one.camera]:
-            blank = np.full_like(one.depth, np.nan)
-            one = replace(one, rgb=np.zeros_like(one.rgb), depth=blank)
-        yield one
+    try:
+        for frame in frames:
+            held.append(frame)
+            for kind, line in judges[frame.camera].add(View.of(frame)).items():
+                lines[frame.camera, kind] = f"{line}; they are left out"
+                _log.warning("%s: %s", name, lines[frame.camera, kind])
+            while held and (len(held) > HELD or not judges[held[0].camera].doubts(held[0].id)):
+                yield first()
+    except Exception:  # as of an unreadable frame, before which all count
+        while held:
+            yield first()
+        raise
+    while held:
+        yield first()

@@ -34,7 +34,7 @@ from mapping.objects.extents.box_fit import MAX_VIEWS, NUMBERS, pose_of
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_updater import TrackUpdater
-from mapping.objects.tracks import Track, numbers, same_facts, track_of, viewpoint
+from mapping.objects.tracks import Track, Viewpoint, numbers, same_facts, track_of, viewpoint
 
 FILE: Final = "tracks.sqlite"
 MAX_BYTES: Final = 1 << 28  # of a file that is read
@@ -64,7 +64,12 @@ class RunState:
     frame: int = 0  # number of the last frame
     stamp: float = 0.0  # [s] of the last frame
     looked_from: dict[str, list[list[float]]] = field(default_factory=dict)  # detector -> pose
-    viewpoints: list[list[int]] = field(default_factory=list)
+    viewpoints: list[Viewpoint] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError or TypeError for other types, as of a damaged file."""
+        self.frame, self.stamp = int(self.frame), float(self.stamp)
+        self.viewpoints = [tuple(map(int, view)) for view in self.viewpoints]
 
 
 class TrackStore:
@@ -227,8 +232,7 @@ def _corners(packed: str | list[list[float]]) -> NDArray[np.float64]:
 
 
 def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
-    plain = {name: state[name] for name in _PLAIN if name != "early"}
-    plain["early"] = state.get("early", 0.0)  # files of earlier releases have none
+    plain = {n: state[n] for n in _PLAIN if n != "early" or n in state}  # older files have none
     points: dict[str, Any] = {
         name: np.array(state[name], np.float64).reshape(3) for name in _POINTS
     }
@@ -291,7 +295,7 @@ class TrackedThings:
         """Store the tracks beside the map, before its transaction of that number."""
         if self._store is not None:
             self.run.frame, self.run.stamp = self._updater.frame, self._updater.stamp
-            self.run.viewpoints = [[*view] for view in sorted(self._updater.viewpoints)]
+            self.run.viewpoints = sorted(self._updater.viewpoints)
             self._store.save(self.tracks, self.run, sequence)
 
     def positions(self) -> NDArray[np.float64]:
@@ -376,7 +380,7 @@ class TrackedThings:
             stored, self.run = self._store.load(self._map.sequence, self._settings)
             numbers.reserve(track.number for track in stored)
             self._updater.frame, self._updater.stamp = self.run.frame, self.run.stamp
-            self._updater.viewpoints = {tuple(map(int, view)) for view in self.run.viewpoints}
+            self._updater.viewpoints = {*self.run.viewpoints}
         tracks, held = list[Track](), dict(self._objects.perceived)
         for track in stored:
             if any(self.catalogue.by_iri(category) is None for category in track.evidence):

@@ -32,6 +32,7 @@ from mapping.occupancy.tiles import (
     view_evidence,
     views_of_known,
 )
+from perception.binary_masks import with_neighbours
 from perception.frames import Frame
 
 _BIN: Final = 0.1  # [m]
@@ -131,18 +132,12 @@ def view_coverage(
         times[:, *part] = found[1][:, *own]
         tall[part] = (states == TALL).any(axis=(1, 3))[own]
         unknown[part] = (states == UNKNOWN).all(axis=(1, 3))[own]
-    furniture = (tall | unknown & _beside(tall)) & (times[1] == 0)
+    furniture = (tall | unknown & with_neighbours(tall)) & (times[1] == 0)
     inside = times[:, _cells_within(area, cell, margin) & ~furniture]
     if not inside.any():
         return None
     close, share = (round(float((grid > 0).mean()), 3) for grid in inside)
     return PlaceViews(max(close, share), close, float(inside.max()) * 60)
-
-
-def _beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(nx, ny) cells that share a side with one of `cells`."""
-    around = np.pad(cells, 1)
-    return around[:-2, 1:-1] | around[2:, 1:-1] | around[1:-1, :-2] | around[1:-1, 2:]
 
 
 def _corners(area: Area, cell: float) -> Floats:

@@ -10,11 +10,13 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.errors import ModelError
 from perception.frames import Detections
 from perception.inference.class_labels import NO_OBJECT, coco_by_id
 
@@ -40,8 +42,7 @@ class SecondOpinion:
     """
 
     def __init__(self, name: str, labels: Sequence[str], other: Callable[[], _Detect]) -> None:
-        self._name, self._other = name, other
-        self._detect: _Detect | None = None
+        self._name, self._other = name, cache(other)
         self._fits = Counter[str]()  # things by the way of reading
         self._kinds = dict[str, set[str]]()  # their categories
         known = [one for one in coco_by_id() if one != NO_OBJECT]
@@ -60,8 +61,12 @@ class SecondOpinion:
         if not self._left or not len(sure):
             return
         self._left -= 1
-        self._detect = self._detect or self._other()
-        seen = self._detect(rgb)
+        try:
+            seen = self._other()(rgb)
+        except ModelError as error:  # an opinion less is no reason to stop
+            self._left = 0
+            _log.info("%s: its answers are not compared: %s", self._name, error)
+            return
         self._count(sure, seen.chosen(np.flatnonzero(seen.score >= SURE)), rgb.shape)
         own, fits = self._fits[OWN], max(self._fits.values(), default=0)
         ways = [way for way, count in self._fits.items() if count == fits and way != OWN]

@@ -66,9 +66,9 @@ def disparity_for_depth(
     if best < max(GOOD, given + BETTER):
         return None
     remedy = (
-        f"--disparity {scale * constant / focal:.2g} would work, about, or the baseline [m] of "
+        f"--disparity {scale * constant / focal:.2g} would work, about, or the baseline [m] of its "
+        "cameras with --depth-scale, the units a pixel"
     )
-    remedy += "its cameras with --depth-scale, the units a pixel"
     return would_fit(name, given, best, cause.text, remedy)
 
 

@@ -284,7 +284,7 @@ def _label_of(step: Explanation) -> str:
 
 
 def reason_sentences(reasons: Iterable[Explanation]) -> list[str]:
-    """Short sentences on what stands behind facts: views, beliefs, people; less than ten.
+    """Short sentences on what stands behind facts: views, beliefs, people; fewer than ten.
 
     Without the rules, networks, poses and transactions, which `reasons_text` has.
     """

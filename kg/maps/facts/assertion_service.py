@@ -124,6 +124,8 @@ class AssertionService:
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
         by = checked_line(by, "an author", "ann")
+        if isinstance(value, list) and prop not in ("position", "extent"):
+            raise InvalidFactError(f"the {prop} of a thing is a text, got {f'{value}'[:100]}")
         with self._guard:
             record = self._record(self.full(iri))
             kind = "object" if isinstance(record, ObjectRecord) else "place"

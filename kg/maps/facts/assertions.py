@@ -196,7 +196,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         return _area(given)
     text = str(given).strip()
     if prop == "existence" and text not in ("present", "absent"):
-        raise InvalidFactError(f"existence must be present or absent, got {text!r}")
+        raise InvalidFactError(f"existence must be present or absent, got {text[:100]!r}")
     if not text:
         raise InvalidFactError(f"a {prop} must have at least one character")
     if prop == "note":
@@ -360,7 +360,7 @@ def _position(given: object) -> str:
     if len(numbers) != 3 or not all(abs(number) <= MAX_COORDINATE for number in numbers):
         raise InvalidFactError(
             f"a position must be three finite numbers x y z [m], up to {MAX_COORDINATE:g}, "
-            f"got {given!r}"
+            f"got {repr(given)[:100]}"
         )
     short = all(abs(number) < 1e4 for number in numbers)
     return " ".join(f"{number:g}" if short else f"{number}" for number in numbers)
@@ -373,7 +373,7 @@ def _extent(given: object) -> str:
     if not whole or not abs(yaw) <= math.pi:
         raise InvalidFactError(
             "an extent must be three lengths dx dy dz above 0 [m] and, where the box is turned, a "
-            f"yaw of -3.14 to 3.14 [rad], as in 1.2 0.8 0.75 0.3; got {given!r}"
+            f"yaw of -3.14 to 3.14 [rad], as in 1.2 0.8 0.75 0.3; got {repr(given)[:100]}"
         )
     return _number_text((*sides, yaw))
 

@@ -31,6 +31,7 @@ from kg.model.errors import (
 from kg.model.place_names import likely_kind, place_titles, titled
 from kg.model.records import PlaceRecord, likeliest
 from kg.model.usual_sizes import UNUSUAL, usual_sizes
+from kg.rdf.literals import shown
 from kg.rdf.quad_store import QuadStore, subcategories
 
 _LISTED: Final = 8  # labels in a message
@@ -103,8 +104,8 @@ class ParameterResolver:
             if found:
                 break
         if len(found) > 1:
-            shown = ", ".join(iri.removeprefix(self.base) for iri in found[:5])
-            raise QueryParameterError(f"{len(found)} things have the label {text[:60]!r}: {shown}")
+            some = ", ".join(iri.removeprefix(self.base) for iri in found[:5])
+            raise QueryParameterError(f"{len(found)} things have the label {text[:60]!r}: {some}")
         return found[0] if found else ""
 
     def _is_thing(self, iri: str) -> bool:
@@ -114,7 +115,7 @@ class ParameterResolver:
 
     def _labels(self, label: str | None = None) -> list[tuple[str, str]]:
         """IRIs and labels of what the map has; with a `label`, of what has exactly that one."""
-        exact = None if label is None else Literal(label)
+        exact = None if label is None else Literal(shown(label))
         named = (None, NamedNode(v.RDFS_LABEL), exact, v.MAP_GRAPH)
         # no iterator in a variable: an error would carry it into other threads
         return [
@@ -225,14 +226,14 @@ class ParameterResolver:
         kinds = places_of_kind(self.engine, self.catalogue, places, text)
         if len(found := printed if len(printed) == 1 else [one.iri for one in kinds]) == 1:
             return found[0]
-        shown = _some([titled(place, self.catalogue.label) for place in kinds or places]) or "none"
+        some = _some([titled(place, self.catalogue.label) for place in kinds or places]) or "none"
         if kinds and not named:
             raise QueryParameterError(
-                f"{len(kinds)} places have the category {text!r}; give one of {shown}"
+                f"{len(kinds)} places have the category {text!r}; give one of {some}"
             )
         what = f"{len(named)} places are" if named else "no place is"
         hint = did_you_mean(text, (*known.values(), *self._titles(places)))
-        raise QueryParameterError(f"{what} called {text!r}; there are: {shown}{hint}")
+        raise QueryParameterError(f"{what} called {text[:60]!r}; there are: {some}{hint}")
 
     def _printed(self, text: str, places: Sequence[PlaceRecord]) -> list[str]:
         """IRIs of the places that answers call so, with or without "the"."""

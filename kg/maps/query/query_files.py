@@ -89,7 +89,7 @@ class Parameter:
     def _double(self, value: object) -> float:
         try:
             number = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             number = math.nan
         if isinstance(value, bool) or not math.isfinite(number):
             raise QueryParameterError(f"{self.name} must be a number, got {value!r}")

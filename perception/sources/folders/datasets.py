@@ -62,7 +62,7 @@ def _read_arkit_scenes(folder: Path, streams: Streams) -> RecordingListing:
     wide, depth = subfolder(folder, "lowres_wide"), subfolder(folder, "lowres_depth")
     pairs = pairs_by_stamp(wide, depth, _STAMP)
     if not pairs:
-        raise RecordingError(f"{wide}: names of images do not end with _STAMP")
+        raise RecordingError(f"{wide}: names of images do not end with a stamp, as in a_12.3.png")
     cameras = files_in(folder / "lowres_wide_intrinsics", "*.pincam")
     camera = find_intrinsics(folder)
     if cameras and camera is None:

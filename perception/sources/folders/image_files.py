@@ -149,35 +149,10 @@ def posed(entries: Sequence[FrameEntry], path: Path) -> tuple[FrameEntry, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class TurnedImage:
-    """An image turned counter-clockwise by quarters."""
+class ChangedImage:
+    """An image that is read in another way than it is stored."""
 
     image: StoredImage
-    turns: int
-
-    def __str__(self) -> str:
-        return str(self.image)
-
-    def check(self) -> None:
-        """As the image's own."""
-        self.image.check()
-
-    def colour(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
-        return turned_image(self.image.colour(), self.turns)
-
-    def depth(self, depth_scale: float) -> NDArray[np.float32]:
-        """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
-        return turned_image(self.image.depth(depth_scale), self.turns)
-
-
-@dataclass(frozen=True, slots=True)
-class DisparityImage:
-    """A depth image that holds disparities [px] of the pixels of `camera`."""
-
-    image: StoredImage
-    camera: Intrinsics
-    baseline: float  # [m]
 
     def __str__(self) -> str:
         return str(self.image)
@@ -189,6 +164,29 @@ class DisparityImage:
     def colour(self) -> NDArray[np.uint8]:
         """As the image's own."""
         return self.image.colour()
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedImage(ChangedImage):
+    """An image turned counter-clockwise by quarters."""
+
+    turns: int
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+        return turned_image(self.image.colour(), self.turns)
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
+        return turned_image(self.image.depth(depth_scale), self.turns)
+
+
+@dataclass(frozen=True, slots=True)
+class DisparityImage(ChangedImage):
+    """A depth image that holds disparities [px] of the pixels of `camera`."""
+
+    camera: Intrinsics
+    baseline: float  # [m]
 
     def depth(self, depth_scale: float) -> NDArray[np.float32]:
         """(H, W) [m], nan = no return; `depth_scale` [units a pixel] is that of 16-bit images."""

@@ -409,6 +409,31 @@ def test_frames_of_several_cameras_are_judged_each_by_their_own():
     assert [*lines] == [("b", "lone")]
 
 
+def test_frames_do_not_wait_for_a_camera_that_gives_no_more():
+    tour = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    last = [replace(f, id=f"b-{f.id}", camera="b") for f in (tour[0], scaled(tour[1], 1.3))]
+    given = [*last, *tour, *(replace(f, id=f"again-{f.id}") for f in tour)]
+    waiting = iter(given)
+    frames = without_lone(waiting, "room", {})
+    shown = [next(frames) for _ in range(3)]
+    assert [one.id for one in shown] == [one.id for one in given[:3]]
+    assert len([*waiting]) >= len(tour) // 2, "many are not read yet"
+
+
+def test_frames_before_an_unreadable_one_are_shown():
+    tour = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    tour[20] = scaled(tour[20], 1.3)
+
+    def frames():
+        yield from tour[:21]
+        raise RecordingError("an image is damaged")
+
+    shown = []
+    with pytest.raises(RecordingError, match="damaged"):
+        shown.extend(without_lone(frames(), "room", {}))  # those before the error stay
+    assert [one.id for one in shown] == [one.id for one in tour[:21]]
+
+
 def readers() -> int:
     return sum(thread.name == "read-ahead" for thread in threading.enumerate())
 

@@ -25,6 +25,8 @@ from planner.simulation.house_robot import SimulatedTour
 from tests.waiting import program
 
 FRAMES = 30
+_NO_VIEWPOINTS = """UPDATE tracks SET state = json_set(state, '$.viewpoints', json('[1]'))
+    WHERE number = 0"""
 _NO_BOX = (
     "UPDATE tracks SET state = json_set(state, '$.box', json('[0,0,0,1,-1,1,9]')) WHERE number"
 )
@@ -144,8 +146,12 @@ def test_what_people_changed_meanwhile_counts(tmp_path: Path, begun: Path) -> No
             path, "UPDATE tracks SET state = json_set(state, '$.views', '//') WHERE number"
         ),
         lambda path: _filled(path, _NO_BOX),
+        lambda path: _filled(path, _NO_VIEWPOINTS),
     ],
-    ids=["text", "cut", "a view", "no object", "no boxes", "no number", "no views", "no box"],
+    ids=[
+        *("text", "cut", "a view", "no object", "no boxes", "no number", "no views", "no box"),
+        "no viewpoints",
+    ],
 )
 def test_a_damaged_file_is_thrown_away(tmp_path: Path, begun: Path, damage) -> None:
     shutil.copytree(begun, tmp_path / "a.map")

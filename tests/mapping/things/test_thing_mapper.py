@@ -130,6 +130,15 @@ def written(flat: SemanticMap, *solids: Solid, views: int = len(EYES)) -> None:
     flat.apply(MapUpdate(changes.updated, changes.removed))
 
 
+def test_an_error_of_the_thread_that_looks_is_raised_to_who_asks(flat) -> None:
+    mapper = ThingMapper(flat, PlaceRegistry(flat, None, recording="r"), "r", pictures=False)
+    mapper.add(view(0, FLOOR, KETTLE), np.zeros((1, 3), np.float32))  # no box of a person
+    with pytest.raises(ValueError, match="unpack"):
+        mapper.changes(surface(FLOOR, KETTLE), ())
+    mapper.add(view(1, FLOOR, KETTLE), NOBODY)
+    assert mapper.changes(surface(FLOOR, KETTLE), ()).removed == (), "the next are looked at"
+
+
 def test_things_are_in_no_list_of_objects_until_they_are_named(flat) -> None:
     written(flat, FLOOR, WALL, TABLE, KETTLE)
     (thing,) = flat.unnamed_things()

@@ -64,3 +64,17 @@ def test_networks_with_labels_of_their_own_are_not_compared(pictures):
 
     opinion = SecondOpinion("somebodys", ("cup", "my bowl"), never)
     opinion.compare(pictures[0], load_detector(threshold=0.2).detect_image(pictures[0]))
+
+
+def test_where_the_bundled_network_is_missing_nothing_is_compared(pictures, caplog):
+    asked = []
+
+    def missing():
+        asked.append(True)
+        return load_detector("no such network")
+
+    opinion = SecondOpinion("somebodys", COCO, missing)
+    found = [load_detector(threshold=0.4).detect_image(rgb) for rgb in pictures]
+    for rgb, one in zip(pictures, found, strict=True):
+        opinion.compare(rgb, one)
+    assert (asked, caplog.text) == ([True], "")

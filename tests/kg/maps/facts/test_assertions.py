@@ -202,6 +202,8 @@ REFUSED = (
     ("object/1", "position", "1e7 2 0", "up to 1e"),
     ("object/1", "existence", "maybe", "present or absent"),
     ("object/1", "label", " ", "at least one character"),
+    ("object/1", "label", ["cup", {}], "label of a thing is a text"),
+    ("object/1", "name", [1, 2, 3], "name of a thing is a text"),
 )
 
 

@@ -178,6 +178,9 @@ def test_summary_and_robot() -> None:
         ),
         ("objects-within-radius", {"x": "nan", "y": 1}, QueryParameterError, "x must be a number"),
         ("objects-within-radius", {"x": True, "y": 1}, QueryParameterError, "x must be a number"),
+        ("objects-within-radius", {"x": 10**400, "y": 1}, QueryParameterError, "x must be a num"),
+        ("whereabouts", {"object": "\ud800"}, QueryParameterError, "nothing is called"),
+        ("objects-in-place", {"place": "\ud800"}, QueryParameterError, "called"),
         (
             "objects-by-category",
             {"categry": "chair"},
