@@ -7,7 +7,8 @@ The kitchen is redkitchen of the 7-Scenes data set, the living room is of ICL-NU
 HoloLens: in ../shared or HEREABOUTS_SHARED as for the tests. Pages are taken by Chromium with
 Playwright. rviz.png is made by the commands of docs/how-to/viewers.md with Debian 12's
 ros-core, python3-rosbag, rviz, xvfb and imagemagick: roscore, Xvfb
-:77 -screen 0 1200x800x24 -nocursor, and DISPLAY=:77 import -window root rviz.png.
+:77 -screen 0 1200x800x24 -nocursor, and DISPLAY=:77 import -window root -resize 960x640
+-colors 48 rviz.png.
 """
 
 from __future__ import annotations

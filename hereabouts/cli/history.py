@@ -10,7 +10,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
-from hereabouts.cli.console import note, print_answer, write, write_json
+from hereabouts.cli.console import counted, note, print_answer, write, write_json
 
 if TYPE_CHECKING:
     from kg.history.point_in_time import Difference
@@ -126,7 +126,8 @@ def diff(arguments: argparse.Namespace) -> int:
     shown = rows if arguments.all or arguments.json else rows[:_ROWS]
     print_answer(_COLUMNS, shown, arguments.json)
     more = "" if len(shown) == len(rows) else f" (the first {_ROWS} are shown; --all lists them)"
-    note(f"#{found.before} to #{found.after}: {len(rows)} changes{more}; {found.area_words}")
+    count = counted(len(rows), "change")
+    note(f"#{found.before} to #{found.after}: {count}{more}; {found.area_words}")
     return 0
 
 

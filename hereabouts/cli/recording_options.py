@@ -28,7 +28,7 @@ _SOURCE = """
                        camera-to-world)
 --no-check -> check    use depth scale and poses even if the depth images contradict them
 --registered           depth is registered to colour, whatever the recording says of its own camera
---bgr                  red and blue of the images are exchanged
+--bgr                  exchange red and blue of the images
 --up AXIS              up axis of the world: x, y, z, -x, -y, -z or a vector A,B,C (default: as the
                        recording says, else estimated)
 """
@@ -59,7 +59,7 @@ _FRAMES = """
                        floor that were mapped from the recording move with it; estimate: poses from
                        the images, also where the recording has some (default: the recording's own,
                        else estimated)
---disparity BASELINE   depth images are disparities of cameras that are so many metres apart, and
+--disparity BASELINE   depth images are disparities of two cameras, so many metres apart;
                        --depth-scale is their units per pixel
 --every N              read every N-th frame, the first too
 --keyframes            read only frames whose camera has moved by 0.1 m or turned by 5 degrees since

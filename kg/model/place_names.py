@@ -96,6 +96,11 @@ def spoken_titles(
     }
 
 
+def a(noun: str) -> str:
+    """A noun with its article: ``a cup``, ``an office``."""
+    return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"
+
+
 def with_article(label: str, is_noun: Callable[[str], bool]) -> str:
     """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
 

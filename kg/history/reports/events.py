@@ -14,13 +14,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.history.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
 from kg.history.reports.explanation import Explanation
-from kg.history.reports.report_names import Names, a
+from kg.history.reports.report_names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, quads_of
 from kg.history.timestamps import iso, moment, short, spoken, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
+from kg.model.place_names import a
 from kg.model.shares import chance
 from kg.model.transactions import Cause
 from kg.rdf.quad_store import QuadStore, Term
@@ -307,7 +308,10 @@ def _sentence(step: Explanation) -> str:
         behind += [f"{who} said so {spoken(one.time or 0.0)}" for who in said]
     if not behind:
         behind = [*rules[-1:], *(f"since {spoken(one.time or 0.0)}" for one in commits)]
-    text = f"{step.text}: {'; '.join(behind)}" if behind else step.text
+    text = step.text
+    if behind:
+        stated = step.because[:1] and step.because[0].kind == "person"
+        text += f"{'' if stated else ':'} {'; '.join(behind)}"
     text = _MOMENT.sub(lambda found: f" {spoken(moment(found[1]))}", _BOX.sub("", text))
     return text[:1].upper() + text[1:]
 

@@ -301,7 +301,8 @@ class Explainer(FactReader):
             if isinstance(quad.subject, NamedNode)
         }
         behind = tuple(Explanation("model", f"scene model {name}") for name in sorted(models))
-        text = f"{count} views of {self._names(place)}" + (f", last {latest}" * bool(latest))
+        views = "view" if count == "1" else "views"
+        text = f"{count} {views} of {self._names(place)}" + (f", last {latest}" * bool(latest))
         return Explanation("view", text, place.value, behind)
 
     def _background_or_removed(self, iri: NamedNode) -> Explanation:

@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode
 from kg.history.map_state import Categories
 from kg.history.timestamps import brief, word
 from kg.model import vocabulary as v
-from kg.model.place_names import plain_place, spoken_titles
+from kg.model.place_names import a, plain_place, spoken_titles
 from kg.rdf.quad_store import QuadStore, Term
 
 _LOCAL: Final = re.compile(r"(object|place|observation|recording|search)/([^/]+)(?:/belief/(.+))?")
@@ -25,11 +25,6 @@ _VERBS: Final = {
     v.INSIDE: "is inside",
     v.RDFS_LABEL: "is called",
 }
-
-
-def a(noun: str) -> str:
-    """A noun with its article: ``a cup``, ``an office``."""
-    return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"
 
 
 class Names:

@@ -235,7 +235,7 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     several = len(plan.targets) > 1
 
     def told(finds: float) -> str:
-        return f"{finds:.2f}" if several else percent(finds)
+        return f"{finds:.1f}" if several else percent(finds)
 
     one, of = len(steps) == 1, f" of {len(plan.targets)}" if several else ""
     text = (

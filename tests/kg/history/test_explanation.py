@@ -1,5 +1,6 @@
 """Changes in lines, and why a fact holds."""
 
+import re
 import shutil
 import zlib
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, parse
 
+from kg.history.reports.events import reason_sentences
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.prov_export import provenance
 from kg.history.storage import log_reader
@@ -273,6 +275,8 @@ def test_a_person_is_the_reason_of_what_was_asserted_and_of_nothing_else(
     with written(2) as semantic_map:
         semantic_map.assertions.add(thing, prop, value, by="ann")
         explain, node = semantic_map.history.explain, NamedNode(semantic_map.base + thing)
+        (said,) = [one for one in reason_sentences(explain(thing)) if "ann" in one]
+        assert re.search(r"^\S+ .+, asserted today at \d+:\d+ by ann$|: ann said so today", said)
         for fact in facts:
             (reason,) = explain(f"{thing} {fact}")
             assert _steps(reason, "person") == ["ann"], fact

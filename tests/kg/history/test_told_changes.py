@@ -47,9 +47,9 @@ def test_a_step_below_the_uncertainty_is_not_told_and_steps_add_up(told: Told) -
     assert later == [[], ["moved 0.12 m, at (1.12, 2.00) m"], []]
 
 
-def test_an_existence_is_told_where_it_is_surer_or_on_the_other_side(told: Told) -> None:
-    _, *later = told(*((1.0, existence, CUP) for existence in (0.45, 0.52, 0.6, 0.75)))
-    assert later == [["there with 52 %"], [], ["there with 75 %"]]
+def test_an_existence_is_told_where_it_is_surer_or_well_on_the_other_side(told: Told) -> None:
+    _, *later = told(*((1.0, existence, CUP) for existence in (0.45, 0.52, 0.6, 0.75, 0.85)))
+    assert later == [[], ["there with 60 %"], [], ["there with 85 %"]]
 
 
 def test_a_place_is_new_once_and_told_what_it_turns_out_to_be() -> None:

@@ -264,9 +264,9 @@ def test_the_size_speaks_for_and_against_names(semantic_map: SemanticMap) -> Non
     sides = np.array([0.1, 0.3, 0.2])
     semantic_map.apply(MapUpdate(objects=(replace(record, extent=sides),)))
     text = explained(semantic_map)
-    assert "against cup: 0.30 x 0.20 x 0.10 m, the largest have 0.18 x 0.14 x 0.13 m" in text
-    assert "the size fits bowl: 0.30 x 0.20 x 0.10 m" in text
-    assert text.index("(30 %)") < text.index("fits bowl") < text.index("(10 %)")
+    assert "against a cup: 0.30 x 0.20 x 0.10 m, the largest have 0.18 x 0.14 x 0.13 m" in text
+    assert "the size fits a bowl: 0.30 x 0.20 x 0.10 m" in text
+    assert text.index("(30 %)") < text.index("fits a bowl") < text.index("(10 %)")
 
 
 def explained(semantic_map: SemanticMap) -> str:
