@@ -7,7 +7,7 @@ of facts.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Literal
 
@@ -77,11 +77,6 @@ class Candidate:
     def facts(self) -> tuple[str, ...]:
         """The chain of facts that leads there, a sentence each."""
         return self.told()
-
-    def __reduce__(self) -> tuple[type[Candidate], tuple[object, ...]]:
-        """A copy for another process has its facts in words, without the map."""
-        state = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Candidate, tuple((state | {"told": partial(tuple, self.facts)}).values())
 
 
 def existence_of(row: Row, settings: BeliefSettings) -> float:
