@@ -46,7 +46,7 @@ def room_belief(space: FreeSpace, cells: Cells, rooms: RoomChances, share: float
             label=name,
             p_map=np.zeros(2),
             probability=float(p[number]),
-            told=tuple,
+            facts=(),
             place=name,
             room_kind=rooms.kinds[number],
             rooms=float(rooms.worth[number]),

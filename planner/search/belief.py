@@ -167,10 +167,8 @@ def build_target_belief(
 def _moved(known: Candidate, probability: float) -> Candidate:
     """A remembered object that is no longer where it was, with `probability`."""
     away = f"{known.label} has been moved since with {percent(probability)}"
-    last = f"{away}, perhaps within its room"
-    return replace(
-        known, kind="moved", probability=probability, told=lambda: (*known.facts[:1], last)
-    )
+    facts = (*known.facts[:1], f"{away}, perhaps within its room")
+    return replace(known, kind="moved", probability=probability, facts=facts)
 
 
 _Instance = list[tuple[Candidate, Weights]]  # its parts

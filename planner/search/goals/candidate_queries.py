@@ -6,9 +6,9 @@ of facts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -65,18 +65,13 @@ class Candidate:
     label: str
     p_map: NDArray[np.float64]  # (2,) [m]; of a place its centre
     probability: float  # that the target is there; candidates overlap, so these do not add up
-    told: Callable[[], tuple[str, ...]]  # the chain of facts in words, made when it is read
+    facts: tuple[str, ...]  # the chain that leads there
     existence: float = 1.0  # of a known object, when it was last seen
     deviation: float | None = None  # [m] of a known object's position
     place: str | None = None  # IRI of the place that the candidate is in, or is
     noticed: float = 0.0  # of a place: chance that earlier views of a cell noticed a target in it
     room_kind: str = ""  # of a place: IRI of its likeliest category
     rooms: float = np.inf  # of a place: rooms of that kind that its probability is worth
-
-    @property
-    def facts(self) -> tuple[str, ...]:
-        """The chain of facts that leads there, a sentence each."""
-        return self.told()
 
 
 def existence_of(row: Row, settings: BeliefSettings) -> float:
@@ -134,32 +129,18 @@ class CandidateQueries:
             replace(
                 one,
                 probability=one.probability * (1 - here),
-                told=partial(_told_with, one, moved),
+                facts=(*one.facts, moved),
                 noticed=0.0,
             )
             for one in found
         )
 
     def _known(self, index: int, row: Row, half_lives: Mapping[str, float]) -> Candidate:
-        existence = existence_of(row, self._settings)
-        half_life = half_lives[str(row["kind"])]
-        kept = holds(half_life, self._age(row))
-        return Candidate(
-            target=index,
-            kind="known",
-            iri=str(row["iri"]),
-            label=label_of(row),
-            p_map=np.array([number(row, "x"), number(row, "y")]),
-            probability=existence * kept,
-            told=partial(self._told, row, half_life, kept),
-            existence=existence,
-            deviation=None if row["deviation"] is None else number(row, "deviation"),
-            place=text_or_none(row, "place"),
-        )
-
-    def _told(self, row: Row, half_life: float, kept: float) -> tuple[str, ...]:
-        label, where = label_of(row), self._facts.where(str(row["iri"]))
+        label, age = label_of(row), self._age(row)
         stated, existence = number(row, "existence"), existence_of(row, self._settings)
+        half_life = half_lives[str(row["kind"])]
+        kept = holds(half_life, age)
+        where = self._facts.where(str(row["iri"]))
         category = with_article(str(row["category"]), self._facts.catalogue)
         fact = f"{label} is in the map, {where} ({evidence(row, stated, 'placeLabel')})"
         if existence > stated:
@@ -167,11 +148,22 @@ class CandidateQueries:
         if row["own"] is not None:
             seen = observed(row, "placeLabel")
             fact = f"{label} may be {category} ({existence:.2f}), {where}{seen}"
-        if kept >= _ALL_KEPT:
-            return (fact,)
-        moved = f"{category} is moved within {span(half_life)} with 50 %"
-        left = f"after {span(self._age(row))} it is still in place with {percent(kept)}"
-        return fact, f"{moved}; {left}"
+        facts = [fact]
+        if kept < _ALL_KEPT:
+            moved = f"{category} is moved within {span(half_life)} with 50 %"
+            facts.append(f"{moved}; after {span(age)} it is still in place with {percent(kept)}")
+        return Candidate(
+            target=index,
+            kind="known",
+            iri=str(row["iri"]),
+            label=label,
+            p_map=np.array([number(row, "x"), number(row, "y")]),
+            probability=existence * kept,
+            facts=tuple(facts),
+            existence=existence,
+            deviation=None if row["deviation"] is None else number(row, "deviation"),
+            place=text_or_none(row, "place"),
+        )
 
     def _nearby(self, index: int, facts: TargetFacts) -> Iterable[Candidate]:
         found = [
@@ -197,7 +189,7 @@ class CandidateQueries:
             label=label_of(row),
             p_map=np.array([number(row, "x"), number(row, "y")]),
             probability=existence * kept * near,
-            told=lambda: (
+            facts=(
                 f"{label_of(row)} is in the map ({evidence(row, existence, 'placeLabel')})",
                 f"{row['wantedLabel']} is found near {row['category']} ({percent(near)}{source})",
             ),
@@ -227,7 +219,7 @@ class CandidateQueries:
             label=place.name,
             p_map=np.array(place.centre),
             probability=p,
-            told=lambda: facts,
+            facts=facts,
             place=place.iri,
             noticed=noticed,
             room_kind=kind,
@@ -245,7 +237,7 @@ class CandidateQueries:
             label=area.label,
             p_map=area.p_map,
             probability=p_room * mean,
-            told=lambda: (
+            facts=(
                 f"the area beyond ({x:.1f}, {y:.1f}) was never seen; {area.width:.1f} m of free "
                 "floor border on it",
                 f"a room begins there with {percent(p_room)}, and a room of unknown kind "
@@ -257,10 +249,6 @@ class CandidateQueries:
     def _age(self, row: Row) -> float:
         last = time_or_none(row, "lastSeen")
         return 0.0 if last is None else max(self._now - last.timestamp(), 0.0)
-
-
-def _told_with(candidate: Candidate, fact: str) -> tuple[str, ...]:
-    return *candidate.facts, fact
 
 
 class _Rooms:

@@ -29,7 +29,7 @@ def ground(seen: np.ndarray | None = None) -> PlanningMap:
 
 
 def candidate(kind: str, probability: float, **fields: object) -> Candidate:
-    plain = Candidate(0, kind, "it", "it", np.array([1.0, 2.0]), probability, tuple)  # type: ignore[arg-type]
+    plain = Candidate(0, kind, "it", "it", np.array([1.0, 2.0]), probability, ())  # type: ignore[arg-type]
     return replace(plain, **fields)  # type: ignore[arg-type]
 
 
@@ -137,9 +137,7 @@ def bedrooms(*kinds: str, rooms: float = 4.0, p: float = 0.5) -> TargetBelief:
     space = free_space([Area(4.0 * i, 4.0 * i + 3, 0, 3) for i in range(len(kinds))])
     names = tuple(f"room {i}" for i in range(len(kinds)))
     candidates = [
-        replace(
-            candidate("place", p, iri=name, place=name), room_kind=kind, rooms=rooms, told=tuple
-        )
+        replace(candidate("place", p, iri=name, place=name), room_kind=kind, rooms=rooms, facts=())
         for name, kind in zip(names, kinds, strict=True)
     ]
     settings = replace(SETTINGS, uniform_share=0.0)
