@@ -14,6 +14,7 @@ import sqlite3
 import stat
 import tempfile
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Final, Literal
 
@@ -97,31 +98,45 @@ def open_sqlite(
 ) -> sqlite3.Connection:
     """A database of the tables `schema`, as `connect`; with `read_only` it is checked page by page.
 
-    Raises as `connect`, OSError for a file of more than `max_bytes`, and ValueError for an empty
-    file or another version.
+    A new one has its name once it is whole, so that a kill leaves none without tables. Raises as
+    `connect`, OSError for a file of more than `max_bytes`, and ValueError for an empty file or
+    another version.
     """
     check_beside(path, read_only=read_only)
     if path.exists():
         check_regular(path, max_bytes)
         if not path.stat().st_size:
             raise ValueError("it is empty")
+    elif not read_only:
+        _make(path, schema, version, auto_vacuum)
     file = connect(path, read_only=read_only, live=live, auto_vacuum=auto_vacuum)
     try:
         found = {sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql}
         (number,) = file.execute("PRAGMA user_version").fetchone()
-        if (found or read_only) and (found, number) != ({*schema}, version):
+        if not (found or read_only):  # an earlier release was killed here
+            _fill(file, schema, version)
+        elif (found, number) != ({*schema}, version):
             raise ValueError("it is of another version")
         if read_only and file.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
             raise ValueError("it is damaged inside")
-        if not found:
-            with file:
-                for table in schema:
-                    file.execute(table)
-                file.execute(f"PRAGMA user_version = {version}")
     except BaseException:
         file.close()
         raise
     return file
+
+
+def _make(path: Path, schema: Sequence[str], version: int, auto_vacuum: bool) -> None:
+    part = path.with_name(f"{path.name}.part")
+    remove_sqlite(part)  # of a process that was killed
+    with closing(connect(part, auto_vacuum=auto_vacuum)) as file:
+        _fill(file, schema, version)
+    part.replace(path)
+
+
+def _fill(file: sqlite3.Connection, schema: Sequence[str], version: int) -> None:
+    for table in schema:
+        file.execute(table)
+    file.execute(f"PRAGMA user_version = {version}")
 
 
 def unreadable(path: Path, error: Exception, without: str) -> str:

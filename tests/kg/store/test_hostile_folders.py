@@ -235,7 +235,7 @@ def test_a_new_database_never_has_a_journal(tmp_path: Path, auto_vacuum: bool) -
     file.close()
     made = os.read(told, 1 << 16)  # events of files that were made, with their names
     os.close(told)
-    assert b"new\0" in made and b"new-wal" in made
+    assert b"new.part\0" in made and b"new.part-wal" in made
     assert b"-journal" not in made
 
 
