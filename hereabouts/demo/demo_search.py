@@ -114,21 +114,18 @@ def in_short(events: Iterable[Event]) -> Iterator[tuple[float, str]]:
 
     Looks in vain that promised less than `_LITTLE` are left out.
     """
-    before, little = "", False
+    before, held = "", list[tuple[float, str]]()
     for event in events:
-        at = float(event.data["seconds"])
-        if event.kind == "plan":
-            little = event.data["probability"] < _LITTLE
-        if little and (event.kind == "plan" or (event.kind == "look" and not event.data["found"])):
-            continue
-        if event.kind != "plan" or not event.data["why"]:
-            yield at, event.text
-            continue
-        reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
-        why = f": {fact_chain(reason.split('; '))}" if reason != before else ""
-        before = reason
-        chance = percent(data["probability"])
-        yield (
-            at,
-            f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with {chance}{why}",
-        )
+        at, line = float(event.data["seconds"]), event.text
+        if event.kind == "plan" and event.data["why"]:
+            reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
+            why = f": {fact_chain(reason.split('; '))}" if reason != before else ""
+            before, where = reason, f"{data['place']} ({data['x']:.1f}, {data['y']:.1f})"
+            line = f"to {where}, finds it with {percent(data['probability'])}{why}"
+        if event.kind == "plan" and event.data["probability"] < _LITTLE:
+            held = [(at, line)]
+        elif held and event.kind == "look" and not event.data["found"]:
+            before, held = "", []
+        else:
+            yield from (*held, (at, line))
+            held = []
