@@ -74,8 +74,11 @@ class StoredOntology:
             return taken
 
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
-        """The category of each label of a network; classes of words or provisional ones are new."""
-        names = {label: clean(label) for label in labels}
+        """The category of each label of a network; classes of words or provisional ones are new.
+
+        Labels and `model` are cut to a line of `MAX_LABEL` characters.
+        """
+        names, model = {label: clean(label) for label in labels}, clean(model)
         if len(names) > MAX_LABELS:
             raise InvalidFactError(f"a network has up to {MAX_LABELS:,} labels, got {len(names):,}")
         with self._guard:

@@ -99,8 +99,9 @@ class Meaning:
         wider = [one for one in self.categories if not one.undetected]
         labels = listed([one.label for one in wider])
         typed = f"'{self.text}' is read as {self.word}" if self.how == "spelling" else ""
-        own = name_key(self.word if typed else " ".join(_words_of(self.text)))
-        if not labels or name_key(labels) in readings(own):
+        texts = (self.word,) if typed else (self.text, " ".join(_words_of(self.text)))
+        own = {reading for text in texts for reading in readings(name_key(text))}
+        if not labels or name_key(labels) in own:
             return typed
         subject = f"{typed}, and {self.word}" if typed else f"'{self.text}'"
         if self.how == "head" and self.relation == "narrower":
