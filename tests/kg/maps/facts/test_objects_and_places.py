@@ -146,7 +146,7 @@ CHAIR = ObjectRecord(
         ({"confidence": math.nan}, "finite"),
         ({"confidence": -1.0}, "within 0"),
         ({"existence": 1.5}, "0..1, got 1.5"),
-        ({"observations": 0}, "1 or more, got 0"),
+        ({"observations": 0}, "must be 1 to"),
         ({"category": v.HERE + "Unicorn"}, "no category"),
         ({"first_seen": 9.0}, "not be after"),
         ({"last_seen": math.inf}, "seconds since 1970"),
