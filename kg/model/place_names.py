@@ -96,7 +96,7 @@ def spoken_titles(
     }
 
 
-def a(noun: str) -> str:
+def indefinite(noun: str) -> str:
     """A noun with its article: ``a cup``, ``an office``."""
     return f"{'an' if noun[:1].lower() in tuple('aeiou') else 'a'} {noun}"
 

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from kg.model.areas import OrientedBox
-from kg.model.place_names import a
+from kg.model.place_names import indefinite
 
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
@@ -117,6 +117,6 @@ def size_reason(label: str, sides: Sequence[float]) -> str:
         return ""
     own, largest = (" x ".join(f"{x:.2f}" for x in found) for found in (sides, usual.greatest))
     if usual.lack(max(sides)) > 1:
-        return f"the size speaks against {a(label)}: {own} m, and {usual.longest:.2f} m is usual"
+        return f"the size speaks against {indefinite(label)}: {own} m, and {usual.longest:.2f} m is usual"
     verdict = "speaks against" if usual.excess(sides) > 1 else "fits"
-    return f"the size {verdict} {a(label)}: {own} m, the largest have {largest} m"
+    return f"the size {verdict} {indefinite(label)}: {own} m, the largest have {largest} m"

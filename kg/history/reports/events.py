@@ -21,7 +21,7 @@ from kg.history.timestamps import iso, moment, short, spoken, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
-from kg.model.place_names import a
+from kg.model.place_names import indefinite
 from kg.model.shares import chance
 from kg.model.transactions import Cause
 from kg.rdf.quad_store import QuadStore, Term
@@ -139,7 +139,7 @@ class _Summary:
         for kind in added.get(v.RDF_TYPE, ()):
             if kind != NamedNode(v.BOT_SPACE):  # each place is one
                 kind_name = self._names(kind)
-                yield f"{a(kind_name)} now" if known else f"new: {kind_name}"
+                yield f"{indefinite(kind_name)} now" if known else f"new: {kind_name}"
 
     def _numbers_told(self) -> Iterator[str]:
         x, y, existence = (self._numbers.get(name, math.nan) for name in (v.X, v.Y, v.EXISTENCE))

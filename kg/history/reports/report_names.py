@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode
 from kg.history.map_state import Categories
 from kg.history.timestamps import brief, word
 from kg.model import vocabulary as v
-from kg.model.place_names import a, plain_place, spoken_titles
+from kg.model.place_names import indefinite, plain_place, spoken_titles
 from kg.rdf.quad_store import QuadStore, Term
 
 _LOCAL: Final = re.compile(r"(object|place|observation|recording|search)/([^/]+)(?:/belief/(.+))?")
@@ -61,7 +61,7 @@ class Names:
             label = self._labels(subject, v.MAP_GRAPH) if is_place else ""
             if known == name != "robot":  # a category that a person named
                 return f"{name} has a name of its own"
-            return f"{label or name} is {a(known)}" if known else f"the kind of {name}"
+            return f"{label or name} is {indefinite(known)}" if known else f"the kind of {name}"
         verb = _VERBS.get(getattr(predicate, "value", ""), "")
         return f"{name} {verb} {known}" if verb and known else f"{name}: {word(predicate)} {known}"
 

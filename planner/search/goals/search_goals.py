@@ -20,7 +20,7 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
-from kg.model.place_names import a
+from kg.model.place_names import indefinite
 from kg.model.shares import chance, percent
 from planner.freespace.planning_map import Row, number, time_or_none
 from planner.search.goals.place_names import in_words
@@ -155,7 +155,7 @@ def with_article(noun: str, catalogue: Catalogue | None = None) -> str:
     """
     if catalogue is not None and catalogue.is_given_name(noun):
         return noun
-    return a(noun)
+    return indefinite(noun)
 
 
 def label_of(row: Row) -> str:
