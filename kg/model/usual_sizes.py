@@ -117,6 +117,7 @@ def size_reason(label: str, sides: Sequence[float]) -> str:
         return ""
     own, largest = (" x ".join(f"{x:.2f}" for x in found) for found in (sides, usual.greatest))
     if usual.lack(max(sides)) > 1:
-        return f"the size speaks against {indefinite(label)}: {own} m, and {usual.longest:.2f} m is usual"
+        named = indefinite(label)
+        return f"the size speaks against {named}: {own} m, and {usual.longest:.2f} m is usual"
     verdict = "speaks against" if usual.excess(sides) > 1 else "fits"
     return f"the size {verdict} {indefinite(label)}: {own} m, the largest have {largest} m"
