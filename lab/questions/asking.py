@@ -68,11 +68,7 @@ def _interfaces(asked: AskedMap) -> Iterator[Mapping[str, Any]]:
         return plan_words(semantic_map, words).to_json()
 
     with (
-        MapServer(
-            semantic_map,
-            Settings(port=0),
-            planner=lambda words: plan_words(semantic_map, words).to_json(),
-        ) as server,
+        MapServer(semantic_map, Settings(port=0), planner=planner) as server,
         closing(McpInterface(asked, server.url)) as mcp,
         semantic_map.at(asked.since) as then,
     ):

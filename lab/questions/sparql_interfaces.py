@@ -14,7 +14,7 @@ from lab.questions.plain_map import NOT_KNOWN, ByLists
 
 Row = Mapping[str, Any]
 
-SEEN_IN: Final = re.compile(r"seen in (\S+) of (\S+)")
+SEEN_IN: Final = re.compile(r"seen best in (\S+) of (\S+)")
 _MOVED: Final = 0.3  # [m]
 
 
