@@ -159,7 +159,7 @@ def test_a_room_of_tables_alone_is_seen_from_the_floor_of_others() -> None:
 
 
 def test_a_floor_far_from_all_places_is_not_planned_on(semantic_map: SemanticMap) -> None:
-    away = [replace(tile, column=tile.column + 10**6) for tile in hall().tiles()]
+    away = [replace(tile, column=tile.column + 10**5) for tile in hall().tiles()]
     nodes = "DELETE { ?t ?p ?o } WHERE { ?t a here:FloorTile ; ?p ?o }"
     semantic_map.update(nodes, by="Ada")
     semantic_map.apply(MapUpdate(floor=tuple(away)))
