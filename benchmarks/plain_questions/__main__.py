@@ -10,17 +10,17 @@ a list that was written before the rules on neighbours, comparisons, the nearest
 `household` and `held_out` are the halves of one list of 92 questions, 23 of them German and 12
 without an answer, which was written before any rule for it. Rules may be tuned on `household`,
 never on `held_out`, nor on `robot`, which was written later for the same purpose. `family`,
-`operator` and `second_language` (of people who learnt English later) were written before any of
-the sentences was read; clues were tuned on `family`, and on `operator` after it was scored once,
-and later on `second_language`. `german` was written after the clues, and tuned on then. `elderly`,
+`operator` and `second_language` (of people who learnt English later) were written before any of the
+sentences was read; clues were tuned on `family`, and on `operator` after it was scored once, and
+later on `second_language`. `german` was written after the clues, and tuned on then. `elderly`,
 `technician` and `chat` were written next, before their writer read a sentence or a clue, and scored
 once; then clues were tuned on the first two. `nurse`, `voice` and `flat_sharer` were written in the
 same way; then clues were tuned on all of these. Of `visitor`, forty were written before the rules
 were changed and forty after; then rules were tuned on all eighty. `visitor_held_out` was written
 after that and scored once (30 of 40 right, 7 open, 3 wrong); then three of its labels were
-corrected. `last seen` has the first sighting, too, so it is also right where people ask since when something is there. In the first five, four
-questions have kinds that came later (count, route, largest, changed), and three are orders, which
-are refused since.
+corrected. `last seen` has the first sighting, too, so it is also right where people ask since when
+something is there. In the first five, four questions have kinds that came later (count, route,
+largest, changed), and three are orders, which are refused since.
 Several categories are joined by "|", and kinds of which each is right by "/"; `when` is a moment.
 """
 

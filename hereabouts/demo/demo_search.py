@@ -25,7 +25,7 @@ _LITTLE = 0.01  # chance of a look below which its events are not told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedSearch:
+class DemoPlan:
     """The plan before the robot drives."""
 
     plan: ViewPlan
@@ -68,7 +68,7 @@ class DrivenSearch:
         }
 
 
-def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot) -> PlannedSearch:
+def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot) -> DemoPlan:
     """The plan of `hereabouts find` for `target`, from the pose of `robot` in the map.
 
     Raises LayoutError where the map has no robot or no floor.
@@ -80,7 +80,7 @@ def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot)
         raise LayoutError("the map has neither a robot nor places: nothing was mapped into it")
     start = here.p_map[:2]
     found = plan(state, start, heading=here.heading, time_limit=math.inf)
-    return PlannedSearch(
+    return DemoPlan(
         plan=found,
         options=f"--speed {motion.speed:g} --turn-rate {math.degrees(motion.turn_rate):.1f} "
         f"--range {sensor.near:g},{sensor.far:g} --recall {sensor.recall:g} --now map",

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hereabouts.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
+from hereabouts.demo.demo_search import DemoPlan, DrivenSearch, carry_out, plan_for
 from hereabouts.display.plots.drawing import GroundTruth
 from hereabouts.display.plots.search_plot import plot_search
 from kg.export.serialization import export_map
@@ -93,7 +93,7 @@ class DemoReport:
     rooms_right: int  # places whose most probable category is that of their room
     rooms: int
     answers: tuple[DemoAnswer, ...]
-    planned: PlannedSearch
+    planned: DemoPlan
     search: DrivenSearch
     hidden_in: str  # category of the room the target truly is in
     position_error: float | None  # [m] of the found target, None where it was not found

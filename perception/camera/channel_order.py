@@ -25,7 +25,8 @@ class ChannelOrder:
     """Judge of the order of channels, by views of different parts of a place."""
 
     def __init__(self) -> None:
-        self._views = list[tuple[float, float, float]]()
+        self._count = 0
+        self._sums = np.zeros(3)  # over views: shares of red and of blue pixels, how much bluer
 
     def add(self, rgb: NDArray[np.uint8]) -> None:
         """Take in an image (H, W, 3)."""
@@ -34,14 +35,15 @@ class ChannelOrder:
         clear = small.max(axis=2) < BRIGHT
         shares = [(clear & (d > COLOURED)).mean() for d in (red - blue, blue - red)]
         bluer = np.log((blue.mean() + 1) / (red.mean() + 1))
-        self._views.append((float(shares[0]), float(shares[1]), float(bluer)))
+        self._count += 1
+        self._sums += (*shares, bluer)
 
     @property
     def told(self) -> str:
         """A sentence for people where red and blue seem to be exchanged; "" elsewhere."""
-        if len(self._views) < MIN_VIEWS:
+        if self._count < MIN_VIEWS:
             return ""
-        red, blue, bluer = np.mean(self._views, axis=0)
+        red, blue, bluer = self._sums / self._count
         if blue < max(BLUE_SHARE, OVER_RED * red) or bluer < BLUER:
             return ""
         return (

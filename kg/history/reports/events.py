@@ -238,7 +238,7 @@ _LABELS: Final = {
     "view": "views",
 }
 _OF_MACHINES: Final = frozenset(("rule", "model", "pose", "commit", "change"))
-_MOST_SENTENCES: Final = 8
+_MAX_SENTENCES: Final = 8
 _BRIEF: Final = re.compile(r"[:;,]| \(")  # the end of a rule's first words
 _MOMENT: Final = re.compile(r"(?: at)? (\d{4}-\d\d-\d\dT[\d:.]+Z)")
 #: what of steps only machines use: the box of an observation, the frames of views
@@ -294,8 +294,8 @@ def reason_sentences(reasons: Iterable[Explanation]) -> list[str]:
         lines += [reason.text] if reason.kind == "thing" else []
         steps = reason.because if reason.kind == "thing" else (reason,)
         lines += [_sentence(step) for step in steps if step.kind not in _OF_MACHINES]
-    rest = len(lines) - _MOST_SENTENCES
-    return [*lines[:_MOST_SENTENCES], *([f"and {rest} more"] if rest > 0 else [])]
+    rest = len(lines) - _MAX_SENTENCES
+    return [*lines[:_MAX_SENTENCES], *([f"and {rest} more"] if rest > 0 else [])]
 
 
 def _sentence(step: Explanation) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.camera.image_decoding import metres
+from perception.camera.image_decoding import MILLIMETRES, metres
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import (
     CONVENTIONS,
@@ -51,7 +51,6 @@ from perception.sources.listing import (
     subfolder,
 )
 
-MILLIMETRES: Final = 1000.0  # units a metre
 TRAJECTORY: Final = "lowres_wide.traj"
 _STAMP: Final = re.compile(r"(?<=_)\d+\.\d+$")  # [s] at the end of a name
 SUN3D_TOLERANCE: Final = 0.02  # [s] between colour and depth

@@ -21,6 +21,7 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
+from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import (
     find_intrinsics,
     intrinsics_from_matrix,
@@ -56,7 +57,6 @@ from perception.sources.listing import (
     subfolder,
 )
 
-MILLIMETRES: Final = 1000.0  # units a metre
 RTABMAP: Final = ("rtabmap_rgb", "rtabmap_depth")
 RTABMAP_POSES: Final = ("rtabmap_camera_poses.txt", "rtabmap_poses.txt")  # the second: of the base
 BOP_FILE: Final = "scene_camera.json"

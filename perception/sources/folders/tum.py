@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from kg.model.errors import RecordingError
+from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import read_trajectory
 from perception.number_tables import floats, in_seconds, rows
@@ -31,7 +32,6 @@ from perception.sources.listing import (
 )
 
 DEPTH_FACTOR = 5000.0
-MILLIMETRES = 1000.0
 #: the second: already at colour's stamps; the third: of Kimera
 POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt", "traj_vio.csv")
 #: files of poses that programs leave in a folder of the benchmark's lists

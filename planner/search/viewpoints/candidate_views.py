@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,6 +100,8 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.abs(off), np.float64)
 
 
+_Cell = TypeVar("_Cell", int, NDArray[np.intp])
+
 HEADINGS: Final = 8
 #: [m] Side of a square; views from one square show much the same.
 SQUARE: Final = 1.0
@@ -125,20 +127,9 @@ def belief_cells(space: FreeSpace) -> Cells:
     return np.array(sorted(kept), np.intp)
 
 
-def squares(space: FreeSpace, cells: Cells) -> NDArray[np.intp]:
-    """(n,) numbers of the squares with sides of `SQUARE` metres that contain floor `cells`."""
-    side, columns = _side(space), space.shape[1]
-    return np.asarray(cells // columns // side * columns + cells % columns // side, np.intp)
-
-
-def _side(space: FreeSpace) -> int:
-    """Cells on a side of a square."""
-    return max(1, round(SQUARE / space.cell))
-
-
-def square(space: FreeSpace, cell: int) -> int:
-    """Number of the square that contains floor cell `cell`."""
-    side, columns = _side(space), space.shape[1]
+def square(space: FreeSpace, cell: _Cell) -> _Cell:
+    """Number of the square with sides of `SQUARE` metres that contains floor `cell`, or of each."""
+    side, columns = max(1, round(SQUARE / space.cell)), space.shape[1]
     return cell // columns // side * columns + cell % columns // side
 
 

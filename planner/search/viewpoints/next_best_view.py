@@ -19,7 +19,6 @@ from planner.search.viewpoints.candidate_views import (
     DetectionMatrix,
     angle_between,
     square,
-    squares,
 )
 
 
@@ -193,7 +192,7 @@ class RevisitModel:
 
     def __init__(self, views: CandidateViews) -> None:
         self._views = views
-        self._squares = squares(views.space, views.viewpoints)  # (s,)
+        self._squares = square(views.space, views.viewpoints)  # (s,)
         self._share: dict[int, Chances] = {}  # by square: (c,) share of the chance that is left
 
     def add(self, view: int) -> None:
