@@ -1,7 +1,7 @@
-"""Doors: all ways in which somebody reads or writes a map, each as one function.
+"""Doors: all ways in which somebody queries or updates a map, each as one function.
 
-A test that is parametrised over `READING`, `UPDATING` or `ASSERTING` shows that a rule holds at
-every door, and not only at the one where somebody asked for it.
+A test that is parametrised over `READING` or `UPDATING`, or over the doors of `stating_doors`,
+shows that a rule holds at every door, and not only at the one where somebody asked for it.
 """
 
 import asyncio
@@ -31,8 +31,6 @@ from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
-from kg.model.records import MapUpdate
-from kg.model.room_edit import RoomEdit
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers.local_evaluation import LimitedQueries
@@ -306,7 +304,7 @@ def _view_update(house: House, text: str) -> None:
 def _command_update(house: House, text: str) -> None:
     """A command at the running server, so that all doors write the same map."""
     words = ("update", house.server.url, "-e", text)
-    with _token(house):
+    with with_token(house):
         command(*words)
 
 
@@ -342,99 +340,6 @@ UPDATING: Final[dict[str, Callable[[House, str], None]]] = {
 }
 
 
-# --- asserting: a property of a thing, as a person states it ---
-
-
-def _python_assert(house: House, thing: str, name: str, value: str) -> None:
-    with refusals():
-        house.map.assertions.add(thing, name, value, by="ann")
-
-
-def _command_assert(house: House, thing: str, name: str, value: str) -> None:
-    with _token(house):
-        command("assert", house.server.url, thing, name, *value.split(), "--by", "ann")
-
-
-def _http_assert(house: House, thing: str, name: str, value: str) -> None:
-    given = {"thing": thing, "property": name, "value": value}
-    url = f"{house.server.url}assertions"
-    answered(requests.post(url, json=given, headers=house.bearer, timeout=PATIENCE))
-
-
-def _tool_assert(house: House, thing: str, name: str, value: str) -> None:
-    tool(house, "assert_fact", thing=thing, property=name, value=value)
-
-
-def _assert_beside_the_writer(house: House, thing: str, name: str, value: str) -> None:
-    command("assert", house.live, thing, name, value, "--by", "ann")
-
-
-ASSERTING: Final[dict[str, Callable[[House, str, str, str], None]]] = {
-    "python": _python_assert,
-    "command line": _command_assert,
-    "beside the writer": _assert_beside_the_writer,
-    "http": _http_assert,
-    "agents": _tool_assert,
-}
-
-
-# --- retracting, and records of mappers ---
-
-
-def _python_retract(house: House, thing: str, name: str) -> None:
-    with refusals():
-        house.map.assertions.retract(thing, name, by="ann")
-
-
-def _command_retract(house: House, thing: str, name: str) -> None:
-    with _token(house):
-        command("retract", house.server.url, thing, name, "--by", "ann")
-
-
-def _http_retract(house: House, thing: str, name: str) -> None:
-    given, url = {"iri": thing, "property": name}, f"{house.server.url}assertions"
-    answered(requests.delete(url, params=given, headers=house.bearer, timeout=PATIENCE))
-
-
-RETRACTING: Final[dict[str, Callable[[House, str, str], object]]] = {
-    "python": _python_retract,
-    "command line": _command_retract,
-    "beside the writer": lambda house, thing, name: command(
-        "retract", house.live, thing, name, "--by", "ann"
-    ),
-    "http": _http_retract,
-    "agents": lambda house, thing, name: tool(house, "retract", thing=thing, property=name),
-}
-
-
-def _apply(house: House, update: MapUpdate) -> None:
-    with refusals():
-        house.map.apply(update)
-
-
-def _post_records(house: House, update: MapUpdate) -> None:
-    with refusals(), _token(house), open_map(house.server.url) as mapper:
-        mapper.apply(update)
-
-
-def draw_beside_the_writer(house: House, edit: RoomEdit) -> None:
-    """Edit the rooms in the folder that is open here, as another process does."""
-    with refusals(), open_map(house.live) as editor:
-        editor.rooms.edit(edit, by="ann")
-
-
-def learn_remotely(house: House, labels: list[str]) -> dict[str, str]:
-    """The categories of a network's labels, as a mapper elsewhere learns them."""
-    with _token(house), open_map(house.server.url) as mapper:
-        return mapper.ontology.learn(labels, "object", model="net")
-
-
-APPLYING: Final[dict[str, Callable[[House, MapUpdate], None]]] = {
-    "python": _apply,
-    "records": _post_records,
-}
-
-
 @contextmanager
 def refusals() -> Iterator[None]:
     """Errors of hereabouts inside the block become RefusedError."""
@@ -445,7 +350,7 @@ def refusals() -> Iterator[None]:
 
 
 @contextmanager
-def _token(house: House) -> Iterator[None]:
+def with_token(house: House) -> Iterator[None]:
     before = dict(os.environ)
     os.environ |= {"HEREABOUTS_TOKEN": TOKEN, "HEREABOUTS_SERVER": house.server.url}
     try:

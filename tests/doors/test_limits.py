@@ -3,14 +3,8 @@
 import pytest
 
 from kg.model.errors import InvalidFactError, QueryRefusedError
-from tests.doors.doors import (
-    ASSERTING,
-    READING,
-    UPDATING,
-    House,
-    RefusedError,
-    learn_remotely,
-)
+from tests.doors.doors import READING, UPDATING, House, RefusedError
+from tests.doors.stating_doors import ASSERTING, learn_remotely
 
 #: updates beyond a limit, and what the refusal says
 BEYOND = {

@@ -8,16 +8,8 @@ import requests
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import InvalidFactError
-from tests.doors.doors import (
-    ASSERTING,
-    PATIENCE,
-    House,
-    RefusedError,
-    answered,
-    command,
-    open_house,
-    tool,
-)
+from tests.doors.doors import PATIENCE, House, RefusedError, answered, command, open_house, tool
+from tests.doors.stating_doors import ASSERTING
 from tests.planner.flat import fill
 
 CUP, BED = "object/2", "object/3"

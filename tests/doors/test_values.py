@@ -13,17 +13,8 @@ from kg.model.errors import InvalidFactError
 from kg.model.records import MapUpdate
 from kg.model.resources import ONTOLOGIES
 from kg.model.room_edit import RoomEdit
-from tests.doors.doors import (
-    APPLYING,
-    ASSERTING,
-    PATIENCE,
-    RETRACTING,
-    House,
-    RefusedError,
-    answered,
-    command,
-    draw_beside_the_writer,
-)
+from tests.doors.doors import PATIENCE, House, RefusedError, answered, command
+from tests.doors.stating_doors import APPLYING, ASSERTING, RETRACTING, draw_beside_the_writer
 
 CUP, KITCHEN = "object/2", "place/1"
 #: thing, property, value, what the refusal says

@@ -1,12 +1,14 @@
 """A flat of three rooms, for the tests of finding things."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.serving.opening import create_map
 
 
 def thing(semantic_map, label, x, y, place, seen=0.0):
@@ -52,3 +54,10 @@ def with_unnamed(flat: SemanticMap) -> SemanticMap:
         one = replace(thing(flat, "cup", x, 2.0, place), category=v.UNNAMED_THING, existence=0.4)
         flat.apply(MapUpdate((one,)))
     return flat
+
+
+def flat_map(path: Path) -> Path:
+    """The flat as a map in a new folder, which comes back."""
+    with create_map(path, title="flat") as semantic_map:
+        fill(semantic_map)
+    return path

@@ -10,16 +10,12 @@ from pathlib import Path
 import pytest
 
 from hereabouts.cli import main
-from kg.serving.opening import create_map
-from tests.planner.flat import fill
+from tests.planner.flat import flat_map
 
 
 @pytest.fixture(scope="module")
 def flat_on_disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("find") / "flat.map"
-    with create_map(path, title="flat") as semantic_map:
-        fill(semantic_map)
-    return path
+    return flat_map(tmp_path_factory.mktemp("find") / "flat.map")
 
 
 Said = Callable[..., tuple[str, str]]

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from hereabouts.cli import main
-from kg.serving.opening import create_map
-from tests.planner.flat import fill
+from tests.planner.flat import flat_map
 
 #: commands on a map that has a space in its name, with the word MAP for it
 COMMANDS = (
@@ -52,10 +51,7 @@ _BLANK = re.compile(r"\b(?:[A-Z]{3,}|LANG)\b(?!\.)")  # a word that people fill 
 
 @pytest.fixture(scope="module")
 def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("hints") / "my flat.map"
-    with create_map(path, title="flat") as semantic_map:
-        fill(semantic_map)
-    return path
+    return flat_map(tmp_path_factory.mktemp("hints") / "my flat.map")
 
 
 def run(capsys: pytest.CaptureFixture[str], words: list[str]) -> tuple[int, str]:

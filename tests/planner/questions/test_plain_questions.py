@@ -18,10 +18,10 @@ from kg.history.timestamps import moment, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError, UnknownCategoryError, UnknownQueryError
 from kg.model.records import MapUpdate, PlaceRecord
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import in_memory_map, open_map
 from planner.questions.answers import answer_box, answer_question
 from planner.questions.moments import past, since
-from tests.planner.flat import fill, thing
+from tests.planner.flat import fill, flat_map, thing
 
 Says = Callable[..., str]
 
@@ -29,10 +29,7 @@ Says = Callable[..., str]
 @pytest.fixture(scope="module")
 def shared_flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flat that no test changes."""
-    path = tmp_path_factory.mktemp("shared") / "flat.map"
-    with create_map(path, title="flat") as semantic_map:
-        fill(semantic_map)
-    return path
+    return flat_map(tmp_path_factory.mktemp("shared") / "flat.map")
 
 
 @pytest.fixture(scope="module")
